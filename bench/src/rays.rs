@@ -17,7 +17,7 @@ use terravision_common::synthetic::{Relief, SyntheticTerrain};
 use terravision_raycast::Sampling;
 use terravision_raycast::model::color::{ColorLayout, ColorPlace};
 use terravision_raycast::model::{Filter, Ground, GroundShape, TileSpec};
-use terravision_raycast::{CastOptions, Caster, Counts, Picture};
+use terravision_raycast::{CastOptions, CastTask, Caster, Counts, Picture};
 use terravision_testkit::rays::AnyMethod;
 use terravision_testkit::worlds;
 
@@ -235,11 +235,14 @@ pub fn run(rounds: u32, findings: &mut Findings) -> anyhow::Result<()> {
             let (start, cpu_start) = (Instant::now(), thread_cpu_millis());
             way.counts = way.method.draw(
                 caster,
-                &scene.ground,
-                &[&scene.colors[..]],
-                &camera(way.eye, way.roll_deg),
-                &way.options,
-                &picture,
+                &CastTask {
+                    ground: &scene.ground,
+                    colors: &[&scene.colors[..]],
+                    heights: &[],
+                    camera: &camera(way.eye, way.roll_deg),
+                    options: &way.options,
+                    picture: &picture,
+                },
             );
             // The first round warms caches and threads.
             if round > 0 {
@@ -347,8 +350,17 @@ mod tests {
         let mut caster = Caster::new(1).unwrap();
         for eye in EYES {
             let camera = camera(eye, 0.0);
-            let counts =
-                way.method.draw(&mut caster, &scene.ground, &[&scene.colors[..]], &camera, &way.options, &picture);
+            let counts = way.method.draw(
+                &mut caster,
+                &CastTask {
+                    ground: &scene.ground,
+                    colors: &[&scene.colors[..]],
+                    heights: &[],
+                    camera: &camera,
+                    options: &way.options,
+                    picture: &picture,
+                },
+            );
             assert_eq!(counts.hits, counts.rays, "{eye}");
         }
     }

@@ -261,6 +261,7 @@ impl RecordedFrames {
                         SlotContent::Marker(marker)
                     }
                     SlotContent::View(view) => SlotContent::View(view),
+                    SlotContent::Elevation(_) => bail!("frames of elevation tiles in place cannot be replayed"),
                     SlotContent::Tile(mut tile) => {
                         tile.elevation_position = tile.elevation_position - frame.first_position + first_position;
                         let node = color_node(flight, &tile)?;

@@ -10,12 +10,11 @@ use std::time::{Duration, Instant};
 use terravision_common::event::{Event, EventContent, SpanName, TextKind};
 use terravision_common::files::temporary_folder;
 use terravision_common::level::Measure;
-use terravision_common::run::{
-    DatabaseConfig, PrefetchConfig, RaysChoice, RenderConfig, RunConfig, SinkConfig, TechniqueChoice,
-};
+use terravision_common::run::{DatabaseConfig, RaysChoice, RenderConfig, RunConfig, TechniqueChoice};
 use terravision_common::shm::{Consumer, Control, Layout, RunId, RunSegments, RunState, Stage};
 use terravision_common::stage::STAGE_ENVIRONMENT;
 use terravision_common::texels::TexelFormat;
+use terravision_testkit::runs;
 
 /// How a flight is flown.
 #[derive(Debug, Clone)]
@@ -75,38 +74,27 @@ impl Session {
         let segments = RunSegments::create(&run, &layout).context("cannot make the segments")?;
         let control = Control::open(&run).context("cannot open the control block")?;
         control.set_resolutions(settings.r_px[0], settings.r_px[1]);
+        let usual = runs::config([0, frames]);
         let config = RunConfig {
             run_id: run.to_string(),
             world: settings.world.clone(),
             database: DatabaseConfig::folder(&settings.world),
             width,
             height,
-            fps: 30.0,
-            frames: [0, frames],
             r_z_px: settings.r_px[0],
             r_c_px: settings.r_px[1],
             measure: settings.measure,
-            exaggeration: 1.0,
-            texels: TexelFormat::Rgba8,
             decoder_threads: std::thread::available_parallelism().map_or(1, |n| n.get() as u32),
-            prefetch: PrefetchConfig::EXACT,
             render: RenderConfig {
                 technique: settings.technique,
                 rays: settings.rays,
                 sky_rgb: [150, 190, 235],
                 samples: settings.samples,
-                skirt_low_m: None,
-                has_tree_overlay: false,
-                has_validation: false,
+                // As many as the launcher leaves to the renderer.
                 frames_in_flight: 0,
-                sink: SinkConfig::Null,
-                depth: Vec::new(),
-                ground: Vec::new(),
-                share: None,
-                made_up: Default::default(),
+                ..usual.render
             },
-            realtime: None,
-            rig: None,
+            ..usual
         };
         let deadline = Instant::now() + DEADLINE;
         Ok(Self { config, run, control, layout, stages: Vec::new(), deadline, _segments: segments })

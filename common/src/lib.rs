@@ -40,6 +40,7 @@ pub mod report;
 pub mod rig;
 pub mod run;
 pub mod shm;
+pub mod simd;
 pub mod slot;
 #[cfg(not(loom))]
 pub mod stage;

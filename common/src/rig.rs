@@ -40,12 +40,57 @@ pub struct RigView {
     pub at: [u32; 2],
 }
 
-/// The cameras of a run, 1 to [`MAX_VIEWS`].
+/// The cameras of a run: 1 to [`MAX_VIEWS`], each with a name of its own.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(try_from = "Vec<RigView>", into = "Vec<RigView>")]
 pub struct Rig {
-    /// The cameras, in the order of their pictures.
-    pub views: Vec<RigView>,
+    /// In the order of their pictures.
+    views: Vec<RigView>,
+}
+
+/// Cameras are not a rig.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum RigError {
+    /// They are none, or too many.
+    #[error("a rig has {found} views, expected 1 to {MAX_VIEWS}")]
+    Count {
+        /// How many.
+        found: usize,
+    },
+    /// Two have one name.
+    #[error("two views of a rig are called {name:?}, expected a name of its own for each")]
+    SameName {
+        /// The name.
+        name: String,
+    },
+    /// One has no pixels, or lies too far to the right or below.
+    #[error(
+        "view {name:?} of a rig has {}x{} pixels at {},{}, expected at least one pixel, and numbers of 32 bits",
+        .size[0], .size[1], .at[0], .at[1]
+    )]
+    Place {
+        /// The view.
+        name: String,
+        /// Its size, pixels.
+        size: [u32; 2],
+        /// Its place, pixels.
+        at: [u32; 2],
+    },
+}
+
+impl TryFrom<Vec<RigView>> for Rig {
+    type Error = RigError;
+
+    fn try_from(views: Vec<RigView>) -> Result<Self, RigError> {
+        Self::new(views)
+    }
+}
+
+impl From<Rig> for Vec<RigView> {
+    fn from(rig: Rig) -> Self {
+        rig.views
+    }
 }
 
 /// One view of a frame: a camera, which has the size of its picture, and the place of that in the
@@ -156,14 +201,40 @@ impl Deref for Views {
 }
 
 impl Rig {
+    /// These cameras, in the order of their pictures.
+    ///
+    /// # Errors
+    /// [`RigError`]: they are none or too many, two have one name, or one has no place in a picture.
+    pub fn new(views: Vec<RigView>) -> Result<Self, RigError> {
+        if !(1..=MAX_VIEWS).contains(&views.len()) {
+            return Err(RigError::Count { found: views.len() });
+        }
+        for (index, view) in views.iter().enumerate() {
+            let RigView { name, size, at, .. } = view;
+            if views[..index].iter().any(|before| before.name == *name) {
+                return Err(RigError::SameName { name: name.clone() });
+            }
+            if (0..2).any(|axis| size[axis] == 0 || at[axis].checked_add(size[axis]).is_none()) {
+                return Err(RigError::Place { name: name.clone(), size: *size, at: *at });
+            }
+        }
+        Ok(Self { views })
+    }
+
+    /// The cameras, in the order of their pictures.
+    #[must_use]
+    pub fn views(&self) -> &[RigView] {
+        &self.views
+    }
+
     /// The views of a frame whose pose is this camera's.
     ///
     /// # Errors
     /// [`CameraError`] of the first view that is not a camera from there.
-    pub fn views(&self, pose: &Camera) -> Result<Views, CameraError> {
+    pub fn views_from(&self, pose: &Camera) -> Result<Views, CameraError> {
         let mut is_lost = Ok(());
         // Without a list on the way: a frame allocates nothing.
-        let views = Views::new(self.views.iter().take(MAX_VIEWS).map_while(|view| {
+        let views = Views::new(self.views.iter().map_while(|view| {
             let camera = view.camera(pose).map_err(|error| is_lost = Err(error)).ok()?;
             Some(View { camera, at: view.at })
         }));
@@ -173,7 +244,7 @@ impl Rig {
     /// Width and height of the picture that holds all views, pixels.
     #[must_use]
     pub fn picture(&self) -> [u32; 2] {
-        let end = |axis: usize| self.views.iter().map(|view| view.at[axis].saturating_add(view.size[axis])).max();
+        let end = |axis: usize| self.views.iter().map(|view| view.at[axis] + view.size[axis]).max();
         [end(0).unwrap_or(1), end(1).unwrap_or(1)]
     }
 
@@ -315,16 +386,34 @@ mod tests {
 
     #[test]
     fn the_picture_holds_all_views() {
-        let views = [view(), RigView { at: [64, 10], ..view() }];
-        let rig = Rig { views: views.into() };
-        let made = rig.views(&pose([0.0; 3])).unwrap();
+        let views = [view(), RigView { name: "two".to_owned(), at: [64, 10], ..view() }];
+        let rig = Rig::new(views.into()).unwrap();
+        let made = rig.views_from(&pose([0.0; 3])).unwrap();
         assert_eq!((made.len(), made.picture(), rig.pixels()), (2, [128, 58], 2 * 64 * 48));
         assert!(made[1].is_within([128, 58]) && !made[1].is_within([127, 58]));
         let far = View { at: [u32::MAX, 0], ..made[0] };
         assert!(!far.is_within([u32::MAX, 48]));
-        let lost = Rig { views: vec![view(), RigView { offset_m: [1e12, 0.0, 0.0], ..view() }] };
-        assert!(lost.views(&pose([0.0; 3])).unwrap_err().to_string().starts_with("its eye is "));
+        let lost = RigView { name: "lost".to_owned(), offset_m: [1e12, 0.0, 0.0], ..view() };
+        let lost = Rig::new(vec![view(), lost]).unwrap();
+        assert!(lost.views_from(&pose([0.0; 3])).unwrap_err().to_string().starts_with("its eye is "));
         assert!(Views::new([]).is_none() && Views::new([made[0]; MAX_VIEWS + 1]).is_none());
+    }
+
+    #[test]
+    fn cameras_that_are_no_rig_are_refused_wherever_they_come_from() {
+        let named = |n: usize| RigView { name: n.to_string(), ..view() };
+        let rig = |count: usize| Rig::new((0..count).map(named).collect());
+        assert_eq!((rig(0), rig(7)), (Err(RigError::Count { found: 0 }), Err(RigError::Count { found: 7 })));
+        let six = rig(MAX_VIEWS).unwrap();
+        assert_eq!(six.views().len(), MAX_VIEWS);
+        let json = serde_json::to_string(&six).unwrap();
+        assert_eq!(serde_json::from_str::<Rig>(&json).unwrap(), six);
+        let error = serde_json::from_str::<Rig>(&json.replace("\"name\":\"1\"", "\"name\":\"0\"")).unwrap_err();
+        assert!(error.to_string().contains("two views of a rig are called \"0\""), "{error}");
+        for (size, at) in [([0, 9], [0, 0]), ([9, 9], [0, u32::MAX])] {
+            let error = Rig::new(vec![RigView { size, at, ..view() }]).unwrap_err();
+            assert_eq!(error, RigError::Place { name: "one".to_owned(), size, at });
+        }
     }
 
     proptest! {

@@ -80,7 +80,7 @@ impl RunConfig {
     /// # Errors
     /// [`CameraError`] of a view: from this pose the rig leads out of what a camera can be.
     pub fn views(&self, pose: &Camera) -> Result<Views, CameraError> {
-        self.rig.as_ref().map_or_else(|| Ok(Views::single(pose)), |rig| rig.views(pose))
+        self.rig.as_ref().map_or_else(|| Ok(Views::single(pose)), |rig| rig.views_from(pose))
     }
 
     /// Numbers of the run's frames.
@@ -240,6 +240,15 @@ pub struct RenderConfig {
     /// Values of depth and ground where the ground was made up.
     #[serde(default)]
     pub made_up: MadeUp,
+}
+
+impl RenderConfig {
+    /// Whether frames are drawn by a sweep and by nothing else, which reads heights out of the
+    /// elevation pool.
+    #[must_use]
+    pub fn is_swept(&self) -> bool {
+        self.technique == TechniqueChoice::Rays && self.rays == RaysChoice::Sweep
+    }
 }
 
 /// How depth and ground positions distinguish ground that was made up from measured ground.

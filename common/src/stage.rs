@@ -12,7 +12,6 @@ use crate::bug::report_panics;
 use crate::event::{Event, EventContent, SpanName, monotonic_nanos};
 use crate::ids::FrameNumber;
 use crate::log::start_stage;
-use crate::rig::MAX_VIEWS;
 use crate::run::RunConfig;
 use crate::shm::{Control, Counter, Producer, RunId, ShmError, Stage};
 use crate::terminal::complain;
@@ -134,12 +133,6 @@ impl StageRun {
         let found = config.exaggeration;
         if !(0.0..=1e4).contains(&found) {
             return Err(UsageError::OutOfRange { field: "exaggeration", found, expected: "a number from 0 to 10000" });
-        }
-        if let Some(rig) = &config.rig
-            && !(1..=MAX_VIEWS).contains(&rig.views.len())
-        {
-            let found = rig.views.len() as f64;
-            return Err(UsageError::OutOfRange { field: "views", found, expected: "1 to 6 views" });
         }
         if config.frames[0] > config.frames[1] {
             let found = config.frames[1] as f64;

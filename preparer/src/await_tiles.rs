@@ -259,6 +259,10 @@ mod tests {
         fn elevation(&self, _node: NodeId) -> Option<&[f32]> {
             None
         }
+
+        fn elevation_key(&self, _node: NodeId) -> Option<SlotKey> {
+            None
+        }
     }
 
     impl<F: Fn(Tile, usize) -> TileState> TileLoader for Scripted<F> {

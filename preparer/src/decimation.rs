@@ -93,8 +93,7 @@ impl Decimation {
     /// The coarsest level for the steps between vertices on a leaf's edges: no block of its colour
     /// leaves may be narrower.
     fn coarsest_edge(&self, truncation: &Truncation, leaf: &ElevationLeaf) -> u8 {
-        let colors = &truncation.color_leaves()[leaf.first_color_leaf as usize..leaf.end_color_leaf as usize];
-        let finest = colors.iter().map(|color| color.node.q()).min().unwrap_or(leaf.node.q());
+        let finest = truncation.colors_of(leaf).iter().map(|color| color.node.q()).min().unwrap_or(leaf.node.q());
         finest + self.most
     }
 }

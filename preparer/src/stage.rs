@@ -217,8 +217,14 @@ impl<L: TileLoader> Preparer<L> {
         let maker = control.generation_of(Stage::Preparer);
         // Left by a frame that could not be made.
         self.slots.clear();
+        let is_in_place = self.is_read_in_place(&views);
         let mut output = Rings { ring, elevation, control, slots: &mut self.slots, sequence, maker, waited_nanos: 0 };
-        let made = self.maker.make(&request, &self.tree, &self.loader, unavailable, &mut output);
+        let (tree, loader) = (&self.tree, &self.loader);
+        let made = if is_in_place {
+            self.maker.make_in_place(&request, tree, loader, unavailable, &mut output)
+        } else {
+            self.maker.make(&request, tree, loader, unavailable, &mut output)
+        };
         let waited_nanos = output.waited_nanos;
         let counts = made.map_err(|source| match source {
             FrameError::RootMissing { source } => {
@@ -244,6 +250,16 @@ impl<L: TileLoader> Preparer<L> {
         control.heartbeat(Stage::Preparer);
         tracing::trace!(frame = frame.get(), ?counts, "frame is in the ring");
         Ok(counts)
+    }
+
+    /// Whether a frame's heights are read out of the elevation pool. Not where holes are looked
+    /// through, nor where the world's sides are drawn down from its edge: both need the facets of
+    /// arrays.
+    fn is_read_in_place(&self, views: &Views) -> bool {
+        let surface = self.world.surface();
+        self.config.render.is_swept()
+            && !self.world.has_validity()
+            && views.cameras().all(|camera| surface.is_over(camera.eye()))
     }
 
     /// Whether frames of the run are still to come.

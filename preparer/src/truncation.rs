@@ -32,6 +32,8 @@ pub trait Tiles {
     fn color(&self, node: NodeId) -> Option<SlotKey>;
     /// Posts of a node's elevation tile, `(Nz + 1)²`, row 0 in the south.
     fn elevation(&self, node: NodeId) -> Option<&[f32]>;
+    /// Where a node's elevation tile lies in its pool.
+    fn elevation_key(&self, node: NodeId) -> Option<SlotKey>;
 }
 
 /// The root's tiles are missing: nothing can be drawn.
@@ -63,6 +65,8 @@ pub struct ElevationLeaf {
     pub first_color_leaf: u32,
     /// End of that range.
     pub end_color_leaf: u32,
+    /// Its place among [`Truncation::elevation_nodes`].
+    pub tile: u32,
     index: u32,
 }
 
@@ -100,6 +104,7 @@ pub struct Truncation {
     stack: Vec<Step>,
     table: NodeTable,
     elevation_leaves: Vec<ElevationLeaf>,
+    elevation_nodes: Vec<NodeId>,
     color_leaves: Vec<ColorLeaf>,
     node_count: u32,
 }
@@ -123,6 +128,7 @@ impl Truncation {
             stack: Vec::with_capacity(4 * 26),
             table: NodeTable::new(nodes),
             elevation_leaves: Vec::with_capacity(nodes),
+            elevation_nodes: Vec::with_capacity(nodes),
             color_leaves: Vec::with_capacity(nodes),
             node_count: 0,
         }
@@ -134,10 +140,22 @@ impl Truncation {
         &self.elevation_leaves
     }
 
+    /// Elevation leaves and all nodes above them: a node comes after the one above it.
+    #[must_use]
+    pub fn elevation_nodes(&self) -> &[NodeId] {
+        &self.elevation_nodes
+    }
+
     /// Colour leaves, near to far.
     #[must_use]
     pub fn color_leaves(&self) -> &[ColorLeaf] {
         &self.color_leaves
+    }
+
+    /// Colour leaves of an elevation leaf, near to far.
+    #[must_use]
+    pub fn colors_of(&self, leaf: &ElevationLeaf) -> &[ColorLeaf] {
+        &self.color_leaves[leaf.first_color_leaf as usize..leaf.end_color_leaf as usize]
     }
 
     /// Nodes of the truncated tree.
@@ -156,6 +174,7 @@ impl Truncation {
         self.is_there.clear();
         self.is_blocked.clear();
         self.elevation_leaves.clear();
+        self.elevation_nodes.clear();
         self.color_leaves.clear();
         self.node_count = 0;
         for node in &tree.nodes {
@@ -183,6 +202,7 @@ impl Truncation {
     /// Walks the tree depth first and collects the leaves.
     fn collect(&mut self, tree: &FrameTree, root_color: ColorPlace) {
         self.elevation_leaves.clear();
+        self.elevation_nodes.clear();
         self.color_leaves.clear();
         self.table.clear();
         self.node_count = 0;
@@ -195,12 +215,16 @@ impl Truncation {
             let is_expanded = !children.is_empty()
                 && !self.is_blocked[index as usize]
                 && self.is_there[children.clone()].iter().all(|is_there| *is_there);
+            let tile = self.elevation_nodes.len() as u32;
+            if node.wants_elevation {
+                self.elevation_nodes.push(node.id);
+            }
             // A node that is cut above its elevation leaves becomes one.
             if node.is_elevation_leaf || (!is_expanded && node.wants_elevation) {
                 let first = self.color_leaves.len() as u32;
                 let seams = Seams { edges: [node.id.q(); 4], corners: [node.id.q(); 4] };
-                let leaf =
-                    ElevationLeaf { node: node.id, seams, first_color_leaf: first, end_color_leaf: first, index };
+                let (first_color_leaf, end_color_leaf) = (first, first);
+                let leaf = ElevationLeaf { node: node.id, seams, first_color_leaf, end_color_leaf, tile, index };
                 // The table has room for every node of a tree.
                 if self.table.insert(node.id, self.elevation_leaves.len() as u32).is_ok() {
                     self.elevation_leaves.push(leaf);

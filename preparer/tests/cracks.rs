@@ -149,9 +149,10 @@ fn check_culling(case: &Case, tree: &[TreeNode]) -> Result<usize, TestCaseError>
     Ok(hidden_count)
 }
 
-fn view(offset_m: [f64; 3], yaw_rad: f64) -> RigView {
+fn view(name: &str, offset_m: [f64; 3], yaw_rad: f64) -> RigView {
     let (pitch_rad, roll_rad, vfov_rad) = (0.0, 0.0, 0.7);
-    RigView { name: String::new(), offset_m, yaw_rad, pitch_rad, roll_rad, vfov_rad, size: [320, 200], at: [0, 0] }
+    let (name, size, at) = (name.to_owned(), [320, 200], [0, 0]);
+    RigView { name, offset_m, yaw_rad, pitch_rad, roll_rad, vfov_rad, size, at }
 }
 
 proptest! {
@@ -171,8 +172,8 @@ proptest! {
     fn what_is_culled_cannot_be_seen_in_any_view(
         case in case(), offset_m in prop::array::uniform3(-40.0f64..40.0), turn in -1.0f64..1.0,
     ) {
-        let pair = [view([0.0; 3], 0.0), view(offset_m, turn)];
-        let case = Case { rig: Some(Rig { views: pair.into() }), ..case };
+        let pair = [view("pose", [0.0; 3], 0.0), view("other", offset_m, turn)];
+        let case = Case { rig: Some(Rig::new(pair.into()).unwrap()), ..case };
         check_culling(&case, &case.tree())?;
     }
 
@@ -205,8 +206,8 @@ fn ground_behind_a_ridge_is_culled() {
         let case = Case { world, relief, camera, rig: None, measure, r_px, exaggeration: 1.0, missing: 0, seed };
         hidden += check_culling(&case, &case.tree()).unwrap_or_else(|error| panic!("{error}"));
         // The eyes of a stereo pair are so near that leaves come near to far for both.
-        let pair = [view([-0.03, 0.0, 0.0], 0.0), view([0.03, 0.0, 0.0], 0.0)];
-        let case = Case { rig: Some(Rig { views: pair.into() }), ..case };
+        let pair = [view("left", [-0.03, 0.0, 0.0], 0.0), view("right", [0.03, 0.0, 0.0], 0.0)];
+        let case = Case { rig: Some(Rig::new(pair.into()).unwrap()), ..case };
         of_pairs += check_culling(&case, &case.tree()).unwrap_or_else(|error| panic!("{error}"));
     }
     assert!(of_pairs > 1000, "{of_pairs} triangles were found to be hidden from both eyes");

@@ -10,7 +10,7 @@
 
 use std::hint::black_box;
 use terravision_raycast::model::Filter;
-use terravision_raycast::{CastOptions, Caster, Picture};
+use terravision_raycast::{CastOptions, CastTask, Caster, Picture};
 use terravision_testkit::rays::{AnyMethod, Field, UNIT_M, camera};
 
 const SIZE: [u32; 2] = [640, 360];
@@ -74,7 +74,19 @@ fn main() {
             let options = CastOptions::default();
             let picture = Picture::new(SIZE);
             let mut caster = Caster::new(1).unwrap();
-            let mut draw = || method.draw(&mut caster, &ground, &[&colors[..]], &camera, &options, &picture);
+            let mut draw = || {
+                method.draw(
+                    &mut caster,
+                    &CastTask {
+                        ground: &ground,
+                        colors: &[&colors[..]],
+                        heights: &[],
+                        camera: &camera,
+                        options: &options,
+                        picture: &picture,
+                    },
+                )
+            };
             let counts = draw();
             let seconds = least(rounds, || {
                 draw();

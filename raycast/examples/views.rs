@@ -15,7 +15,7 @@ use terravision_common::level::{LevelFunction, Measure};
 use terravision_raycast::Sampling;
 use terravision_raycast::model::world::{WorldTiles, ground_shape};
 use terravision_raycast::model::{Filter, Ground};
-use terravision_raycast::{CastOptions, Caster, Counts, Method, Picture};
+use terravision_raycast::{CastOptions, CastTask, Caster, Counts, Method, Picture};
 
 /// Methods, and up to which distance tiles have voxels, metres.
 const WAYS: [(Method, f64); 4] =
@@ -85,14 +85,15 @@ fn main() {
             let models = start.elapsed();
             let mut caster = Caster::new(1).expect("this thread is there");
             let sampling = Sampling { interval_voxels: 0.6, voxel_px: 1.0f32.min(cell_px as f32) };
-            let options = CastOptions { method, sampling, ..CastOptions::default() };
-            let picture = Picture::new(SIZE);
+            let options = &CastOptions { method, sampling, ..CastOptions::default() };
+            let picture = &Picture::new(SIZE);
             let layers = tiles.layers();
             let mut millis = Vec::new();
             let mut counts = Counts::default();
+            let task = CastTask { ground: &ground, colors: &layers, heights: &[], camera: &camera, options, picture };
             for _ in 0..rounds {
                 let start = processor_millis();
-                counts = caster.draw(&ground, &layers, &camera, &options, &picture);
+                counts = caster.draw(&task);
                 millis.push(processor_millis() - start);
             }
             millis.sort_by(f64::total_cmp);

@@ -11,13 +11,14 @@ use crate::proof::{StartRule, Steepness};
 use crate::scene::{Placed, Scene};
 use crate::shade::strip::{Line, Strips};
 use crate::shade::{Canvas, Footprints, outline};
-use crate::sweep::{Instructions, Sweep, SweepDetail};
+use crate::sweep::{Sweep, SweepDetail};
 use crate::view::View;
 use crate::workers::{Workers, WorkersError};
 use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use terravision_common::camera::Camera;
+use terravision_common::simd::Instructions;
 
 /// How rays are cast.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -67,6 +68,24 @@ impl Default for CastOptions {
     }
 }
 
+/// A picture to draw: what of, from where, how, and into what.
+#[derive(Debug, Clone, Copy)]
+pub struct CastTask<'a> {
+    /// The ground. Heights are drawn as stored: apply vertical exaggeration when filling it.
+    pub ground: &'a Ground,
+    /// RGBA8 of each layer, mip levels back to back, row 0 of each in the north; a layer that is
+    /// missing or too short is drawn black.
+    pub colors: &'a [&'a [u8]],
+    /// The elevation pool, for a ground whose heights lie in it; it is drawn by a sweep alone.
+    pub heights: &'a [f32],
+    /// The camera: valid, and of the picture's size.
+    pub camera: &'a Camera,
+    /// How.
+    pub options: &'a CastOptions,
+    /// What is drawn into.
+    pub picture: &'a Picture,
+}
+
 /// Draws pictures; keeps its memory from one to the next.
 #[derive(Debug)]
 pub struct Caster {
@@ -110,49 +129,34 @@ impl Caster {
         })
     }
 
-    /// Draws the ground as seen by `camera`, which must be valid and have the picture's size. The
-    /// picture does not depend on the number of workers. Heights are drawn as stored: apply
-    /// vertical exaggeration when filling the ground. `colors`: RGBA8 of each layer, mip levels
-    /// back to back, row 0 of each in the north; a layer that is missing or too short is drawn
-    /// black.
+    /// Draws a picture, which does not depend on the number of workers.
     ///
     /// # Panics
     /// When camera and picture differ in size, or a side is longer than 65,535 pixels.
-    pub fn draw(
-        &mut self,
-        ground: &Ground,
-        colors: &[&[u8]],
-        camera: &Camera,
-        options: &CastOptions,
-        picture: &Picture,
-    ) -> Counts {
-        let method = method_for(ground, options);
+    pub fn draw(&mut self, task: &CastTask<'_>) -> Counts {
+        let ground = task.ground;
+        let method = method_for(ground, task.options);
         if method == Method::Sweep {
-            return self.sweep(ground, colors, camera, options, picture);
+            return self.sweep(task);
         }
-        let eye = camera.eye();
+        let eye = task.camera.eye();
         let plane = ground.shape().surface;
         let on_lattice = plane.lattice_of_foot(plane.foot(eye)).to_array();
         let above_datum = plane.height_above(eye, ground.datum_m()) as f32;
         let surface = if method == Method::Coherent { Surface::Voxels } else { Surface::Facets };
         let mut steepness = std::mem::take(&mut self.steepness);
         steepness.set(ground, on_lattice, above_datum, surface);
-        let counts = self.draw_by(&steepness, ground, colors, camera, options, picture);
+        let counts = self.draw_by(&steepness, task);
         self.steepness = steepness;
         counts
     }
 
-    fn sweep(
-        &mut self,
-        ground: &Ground,
-        colors: &[&[u8]],
-        camera: &Camera,
-        options: &CastOptions,
-        picture: &Picture,
-    ) -> Counts {
+    fn sweep(&mut self, task: &CastTask<'_>) -> Counts {
+        let &CastTask { ground, colors, heights, camera, options, picture } = task;
         assert_eq!(picture.size(), [camera.width(), camera.height()], "a picture has its camera's size");
         let Self { workers, placed, sweep, .. } = self;
-        let scene = Scene::new(ground, View::new(camera), placed, options.has_undersides);
+        let scene = Scene::new(ground, View::new(camera), placed, options.has_undersides)
+            .in_place(heights, options.sweep.post_px);
         let canvas = Canvas { scene: &scene, colors, picture, sky: sky(options) };
         let rays = u64::from(camera.width()) * u64::from(camera.height());
         let counts = Counts { rays, ..sweep.draw(&canvas, camera, &options.sweep, workers) };
@@ -179,16 +183,10 @@ impl Caster {
     ///
     /// # Panics
     /// As [`Caster::draw`].
-    pub fn draw_by<R: StartRule>(
-        &mut self,
-        rule: &R,
-        ground: &Ground,
-        colors: &[&[u8]],
-        camera: &Camera,
-        options: &CastOptions,
-        picture: &Picture,
-    ) -> Counts {
+    pub fn draw_by<R: StartRule>(&mut self, rule: &R, task: &CastTask<'_>) -> Counts {
+        let &CastTask { ground, colors, camera, options, picture, .. } = task;
         assert_eq!(picture.size(), [camera.width(), camera.height()], "a picture has its camera's size");
+        assert!(ground.pyramid().is_none(), "heights in place are drawn by a sweep alone");
         assert!(picture.size().iter().all(|side| *side <= Line::LONGEST), "no side is longer than {}", Line::LONGEST);
         self.lines.set(picture.size(), camera.roll_rad());
         let Self { workers, lines, placed, planes, projected, exact, .. } = self;
@@ -214,9 +212,10 @@ impl Caster {
 
     /// Draws the outlines of tiles over the picture that was drawn last, which must be of this
     /// ground and camera. `outlines`: the colour of each tile, RGBA8, red in the lowest byte; a
-    /// tile without a colour has no outline. The result does not depend on the number of workers.
-    pub fn outline(&mut self, ground: &Ground, camera: &Camera, outlines: &[u32], picture: &Picture) {
-        let scene = Scene::new(ground, View::new(camera), &mut self.placed, false);
+    /// tile without a colour has no outline. `heights`: as in [`Layers`]. The result does not depend
+    /// on the number of workers.
+    pub fn outline(&mut self, ground: &Ground, heights: &[f32], camera: &Camera, outlines: &[u32], picture: &Picture) {
+        let scene = Scene::new(ground, View::new(camera), &mut self.placed, false).in_place(heights, 1.0);
         outline::draw(&scene, outlines, picture, &self.workers);
     }
 
@@ -230,6 +229,7 @@ impl Caster {
 /// The method that a ground can be drawn with: a ground without voxels has only heights.
 fn method_for(ground: &Ground, options: &CastOptions) -> Method {
     match options.method {
+        _ if ground.pyramid().is_some() => Method::Sweep,
         Method::Coherent if !ground.has_voxels() => Method::Mipmap,
         method => method,
     }

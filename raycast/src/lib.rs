@@ -23,7 +23,7 @@
 //! frame's slots, or tiles of a database. Colours are not copied. From the second frame of a size
 //! on, [`Caster::draw`] allocates nothing.
 
-#![deny(unsafe_code)]
+#![forbid(unsafe_code)]
 
 mod caster;
 mod coherent;
@@ -39,9 +39,9 @@ mod sweep;
 pub mod view;
 pub mod workers;
 
-pub use caster::{CastOptions, Caster, Method};
+pub use caster::{CastOptions, CastTask, Caster, Method};
 pub use coherent::Sampling;
 pub use counts::Counts;
 pub use picture::Picture;
 pub use proof::{StartRule, Steepness, Unproven};
-pub use sweep::{Instructions, SweepDetail};
+pub use sweep::SweepDetail;

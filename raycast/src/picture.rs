@@ -51,13 +51,25 @@ impl Picture {
         self.put_row(pixel, &[(rgba, depth)]);
     }
 
-    /// Puts pixels beside each other, from this one to the right: their colors, and as many depths.
+    /// Puts pixels from this one on, each `step` columns and rows behind the one before: color in
+    /// the lower half, the bits of depth in the upper half.
     #[inline(always)]
-    pub(crate) fn put_pairs(&self, [x, y]: [u32; 2], colors: &[u32], depths: &[f32]) {
+    pub(crate) fn put_along(&self, [x, y]: [u32; 2], step: [i32; 2], pixels: &[u64]) {
         let at = y as usize * self.size[0] as usize + x as usize;
-        for ((pixel, rgba), depth) in self.pixels[at..at + colors.len()].iter().zip(colors).zip(depths) {
-            // Relaxed: as below.
-            pixel.store(u64::from(depth.to_bits()) << 32 | u64::from(*rgba), Ordering::Relaxed);
+        if step == [1, 0] {
+            for (pixel, value) in self.pixels[at..at + pixels.len()].iter().zip(pixels) {
+                // Relaxed: as below.
+                pixel.store(*value, Ordering::Relaxed);
+            }
+            return;
+        }
+        let step = step[1] as isize * self.size[0] as isize + step[0] as isize;
+        let mut at = at;
+        for value in pixels {
+            if let Some(pixel) = self.pixels.get(at) {
+                pixel.store(*value, Ordering::Relaxed);
+            }
+            at = at.wrapping_add_signed(step);
         }
     }
 

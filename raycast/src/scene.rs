@@ -1,6 +1,7 @@
 //! A frame's ground as seen from its eye: shared by the rays of all techniques.
 
-use crate::model::{Found, Ground};
+use crate::model::facet::Facet;
+use crate::model::{Found, Ground, LevelDistances, Pyramid, Source};
 use crate::view::{Ray, View};
 use glam::{DVec2, Vec2, Vec3};
 
@@ -27,6 +28,11 @@ pub(crate) struct Bounds {
 #[derive(Debug)]
 pub(crate) struct Scene<'a> {
     pub(crate) ground: &'a Ground,
+    /// Heights of the ground's tiles, from where each of them begins: its own, or the whole elevation
+    /// pool.
+    pub(crate) heights: &'a [f32],
+    /// From where on each level of the elevation pool's tiles is fine enough.
+    distances: LevelDistances,
     /// Its tiles.
     pub(crate) placed: &'a [Placed],
     /// Bounds of all tiles.
@@ -97,6 +103,8 @@ impl<'a> Scene<'a> {
         let has_ground = ground.tile_count() > 0 && far.is_finite();
         let mut scene = Self {
             ground,
+            heights: ground.all_heights(),
+            distances: LevelDistances::new(&ground.shape().surface, view.focal_px(), 1.0),
             placed,
             bounds,
             view,
@@ -107,6 +115,71 @@ impl<'a> Scene<'a> {
         };
         scene.has_undersides |= scene.is_eye_beside_world();
         scene
+    }
+
+    /// The same ground, its heights in place in the elevation pool, of which these are all numbers:
+    /// posts are at most `post_px` pixels apart.
+    pub(crate) fn in_place(self, heights: &'a [f32], post_px: f32) -> Self {
+        let Some(pyramid) = self.ground.pyramid() else { return self };
+        let surface = &self.ground.shape().surface;
+        let distances = LevelDistances::new(surface, self.view.focal_px(), post_px);
+        let eye = self.view.eye_in_world();
+        let [_, most_rise2] = self.rises2();
+        let farthest2 = |corner: [u32; 2], side: u64| {
+            let low = DVec2::from_array(corner.map(f64::from));
+            let [low, high] = [low, low + side as f64].map(|corner| surface.lattice_from_eye(corner, eye).as_vec2());
+            low.abs().max(high.abs()).length_squared() + most_rise2
+        };
+        let highest =
+            if self.far > 0.0 { pyramid.highest(&distances, farthest2) - self.eye_height } else { self.highest };
+        Self { heights, distances, highest, ..self }
+    }
+
+    /// Squares of how far the ground is above or below the eye, at least and at most.
+    fn rises2(&self) -> [f32; 2] {
+        let [lowest, highest] = self.ground.range_m().map(|height| height - self.eye_height);
+        let least = lowest.max(-highest).max(0.0);
+        [least * least, lowest.abs().max(highest.abs()).powi(2)]
+    }
+
+    /// The elevation pool's tiles, where heights lie in them, and from where on each level of theirs
+    /// is fine enough.
+    pub(crate) fn pyramid(&self) -> Option<(&'a Pyramid, &LevelDistances)> {
+        Some((self.ground.pyramid()?, &self.distances))
+    }
+
+    /// Where the ground of a point, metres from the eye, is taken from in the elevation pool, whose
+    /// distance from the eye has this square. A point outside is moved to the border.
+    pub(crate) fn source_at(&self, point: Vec2, away2: f32) -> Option<Source> {
+        Some(self.ground.pyramid()?.find(self.lattice_point(point), away2, &self.distances))
+    }
+
+    /// The square of `1 << log` lattice units at a lattice point.
+    pub(crate) fn square(&self, corner: [u32; 2], log: u32) -> Bounds {
+        let surface = &self.ground.shape().surface;
+        let corner = DVec2::from_array(corner.map(f64::from));
+        let [min, max] = [corner, corner + (1u64 << log) as f64]
+            .map(|corner| surface.lattice_from_eye(corner, self.view.eye_in_world()).as_vec2());
+        Bounds { min, max }
+    }
+
+    /// Metres up per metre east and north on the facet of a tile at a point, metres from the eye.
+    pub(crate) fn slope_at(&self, tile: u32, point: Vec2) -> Vec2 {
+        let (placed, tile) = (&self.placed[tile as usize], &self.ground.tiles()[tile as usize]);
+        let (corners, by, per_m) = if let Some(pyramid) = self.ground.pyramid() {
+            let found = pyramid.corners_at(self.lattice_point(point), self.heights);
+            let Some((corners, by, level)) = found else { return Vec2::ZERO };
+            (corners, by, 1.0 / self.ground.shape().surface.spacing_m(level) as f32)
+        } else {
+            let at = (point - placed.corner.truncate()) * placed.per_m;
+            let [i, j] = [0, 1].map(|axis| (at[axis].max(0.0) as u32).min(tile.cells[axis] - 1) as usize);
+            let (stride, heights) = (tile.posts()[0], self.ground.heights(tile));
+            let south = j * stride + i;
+            let corners = [south, south + 1, south + stride, south + stride + 1].map(|post| heights[post]);
+            (corners, [at.x - i as f32, at.y - j as f32], placed.per_m)
+        };
+        let is_north_west = by[0] < by[1];
+        Facet::of_cell(Vec2::ZERO, corners)[usize::from(is_north_west)].slope * per_m
     }
 
     /// Whether the eye is beside the world, not over it.
@@ -165,24 +238,24 @@ impl<'a> Scene<'a> {
         let at = self.lattice_point(point);
         match self.ground.tree().find(at) {
             Found::Tile(tile) if self.ground.tiles()[tile as usize].holds(at) => Ok(tile),
-            Found::Hole(corner, log) => {
-                let surface = &self.ground.shape().surface;
-                let corner = DVec2::from_array(corner.map(f64::from));
-                let [min, max] = [corner, corner + (1u64 << log) as f64]
-                    .map(|corner| surface.lattice_from_eye(corner, self.view.eye_in_world()).as_vec2());
-                Err(Bounds { min, max })
-            }
+            Found::Hole(corner, log) => Err(self.square(corner, log)),
             Found::Tile(_) | Found::Outside => Err(Bounds { min: point, max: point + 1.0 }),
         }
     }
 
-    /// A height that no ground of a rectangle exceeds, metres above the eye; minus infinity where
-    /// no ground is.
-    pub(crate) fn highest_in(&self, within: Bounds) -> f32 {
+    /// A height that no ground of a rectangle exceeds, between these distances along the ground,
+    /// metres above the eye; minus infinity where no ground is.
+    pub(crate) fn highest_in(&self, within: Bounds, along: [f32; 2]) -> f32 {
         let surface = &self.ground.shape().surface;
         let [low, high] = [within.min, within.max]
             .map(|corner| surface.lattice_of_way(corner.as_dvec2(), self.view.eye_in_world()).to_array());
-        self.ground.highest_in(low, high) - self.eye_height
+        let highest = if let Some((pyramid, distances)) = self.pyramid() {
+            let rises2 = self.rises2();
+            pyramid.highest_in(low, high, [0, 1].map(|n| along[n] * along[n] + rises2[n]), distances)
+        } else {
+            self.ground.highest_in(low, high)
+        };
+        highest - self.eye_height
     }
 
     /// Converts a point from metres from the eye to lattice units, clamped to the ground's end.

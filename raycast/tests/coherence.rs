@@ -6,7 +6,7 @@
 use proptest::prelude::*;
 use terravision_common::camera::Camera;
 use terravision_raycast::model::{Filter, Ground};
-use terravision_raycast::{CastOptions, Caster, Counts, Picture};
+use terravision_raycast::{CastOptions, CastTask, Caster, Counts, Picture};
 use terravision_testkit::rays::{AnyMethod, Field, UNIT_M, camera};
 
 const SIZE: [u32; 2] = [96, 72];
@@ -22,14 +22,26 @@ fn depths(
     let mut caster = Caster::new(1).unwrap();
     let picture = Picture::new(SIZE);
     let options = CastOptions::default();
-    let counts =
-        method.draw(&mut caster, &field.ground(side, filter), &[&field.colors()[..]], camera, &options, &picture);
+    let counts = method.draw(
+        &mut caster,
+        &CastTask {
+            ground: &field.ground(side, filter),
+            colors: &[&field.colors()[..]],
+            heights: &[],
+            camera,
+            options: &options,
+            picture: &picture,
+        },
+    );
     (picture.depth().collect(), counts)
 }
 
 fn depths_of(ground: &Ground, field: &Field, camera: &Camera, method: AnyMethod, options: &CastOptions) -> Vec<f32> {
     let picture = Picture::new(SIZE);
-    method.draw(&mut Caster::new(1).unwrap(), ground, &[&field.colors()[..]], camera, options, &picture);
+    method.draw(
+        &mut Caster::new(1).unwrap(),
+        &CastTask { ground, colors: &[&field.colors()[..]], heights: &[], camera, options, picture: &picture },
+    );
     picture.depth().collect()
 }
 
@@ -153,8 +165,17 @@ fn following_the_ground_gives_the_picture_of_rays_that_each_begin_at_the_eye() {
         let draw = |method: AnyMethod| {
             let picture = Picture::new(SIZE);
             let options = CastOptions::default();
-            let counts =
-                method.draw(&mut Caster::new(1).unwrap(), &ground, &[&field.colors()[..]], &camera, &options, &picture);
+            let counts = method.draw(
+                &mut Caster::new(1).unwrap(),
+                &CastTask {
+                    ground: &ground,
+                    colors: &[&field.colors()[..]],
+                    heights: &[],
+                    camera: &camera,
+                    options: &options,
+                    picture: &picture,
+                },
+            );
             (picture.rgba().map(u32::to_le_bytes).collect::<Vec<_>>(), counts)
         };
         let (plain, many) = draw(AnyMethod::PlainMipmap);

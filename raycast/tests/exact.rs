@@ -5,7 +5,7 @@
 use glam::DVec3;
 use terravision_common::camera::Camera;
 use terravision_raycast::model::Filter;
-use terravision_raycast::{CastOptions, Caster, Picture};
+use terravision_raycast::{CastOptions, CastTask, Caster, Picture};
 use terravision_testkit::rays::{AnyMethod, Field, UNIT_M, camera};
 
 const SIZE: [u32; 2] = [80, 60];
@@ -40,7 +40,17 @@ fn errors(field: &Field, side: usize, camera: &Camera, method: AnyMethod) -> (f6
     let picture = Picture::new(SIZE);
     let options = CastOptions::default();
     let ground = field.ground(side, Filter::OrientedBox);
-    method.draw(&mut Caster::new(1).unwrap(), &ground, &[&field.colors()[..]], camera, &options, &picture);
+    method.draw(
+        &mut Caster::new(1).unwrap(),
+        &CastTask {
+            ground: &ground,
+            colors: &[&field.colors()[..]],
+            heights: &[],
+            camera,
+            options: &options,
+            picture: &picture,
+        },
+    );
     let (mut errors, mut torn) = (Vec::new(), 0);
     for (k, depth) in picture.depth().enumerate() {
         match marched(field, camera, k as u32 % SIZE[0], k as u32 / SIZE[0]) {

@@ -3,7 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
 
 use terravision_raycast::model::Filter;
-use terravision_raycast::{CastOptions, Caster, Counts, Picture};
+use terravision_raycast::{CastOptions, CastTask, Caster, Counts, Picture};
 use terravision_testkit::rays::{AnyMethod, Field, camera};
 
 const SIZE: [u32; 2] = [120, 90];
@@ -22,7 +22,17 @@ fn pictures_and_counts_do_not_depend_on_the_number_of_workers() {
                 let draw = |workers: usize| -> (Vec<u32>, Vec<u32>, Counts) {
                     let picture = Picture::new(SIZE);
                     let mut caster = Caster::new(workers).unwrap();
-                    let counts = method.draw(&mut caster, &ground, &[&colors[..]], &camera, &options, &picture);
+                    let counts = method.draw(
+                        &mut caster,
+                        &CastTask {
+                            ground: &ground,
+                            colors: &[&colors[..]],
+                            heights: &[],
+                            camera: &camera,
+                            options: &options,
+                            picture: &picture,
+                        },
+                    );
                     (picture.rgba().collect(), picture.depth().map(f32::to_bits).collect(), counts)
                 };
                 let alone = draw(1);
@@ -49,7 +59,17 @@ fn a_frame_takes_no_memory_once_there_was_one() {
             let camera = camera([500.0, 100.0, 400.0], [0.0, -30.0, roll], 60.0, SIZE);
             // The ground is made anew as well, as from the arrays of a ring.
             field.fill(&mut ground, 32);
-            method.draw(&mut caster, &ground, &[&colors[..]], &camera, &options, &picture);
+            method.draw(
+                &mut caster,
+                &CastTask {
+                    ground: &ground,
+                    colors: &[&colors[..]],
+                    heights: &[],
+                    camera: &camera,
+                    options: &options,
+                    picture: &picture,
+                },
+            );
         };
         draw(0);
         // A queue between threads may take a block now and then.

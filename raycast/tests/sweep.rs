@@ -5,9 +5,10 @@
 
 use glam::{DVec2, DVec3};
 use terravision_common::camera::Camera;
+use terravision_common::simd::Instructions;
 use terravision_raycast::model::{Filter, Ground};
-use terravision_raycast::{CastOptions, Caster, Instructions, Method, Picture, SweepDetail};
-use terravision_testkit::rays::{AnyMethod, Field, UNIT_M, camera, noise};
+use terravision_raycast::{CastOptions, CastTask, Caster, Method, Picture, SweepDetail};
+use terravision_testkit::rays::{AnyMethod, Field, PooledField, UNIT_M, camera, noise};
 
 const SIZE: [u32; 2] = [56, 42];
 const DETAIL: SweepDetail = SweepDetail { step_px: 2.0, lines_per_px: 1.0, ..SweepDetail::DEFAULT };
@@ -16,11 +17,17 @@ fn options() -> CastOptions {
     CastOptions { method: Method::Sweep, sweep: DETAIL, ..CastOptions::default() }
 }
 
+/// The surface that is sampled: so many cells a side, and its height at a place.
+struct Surface<'a> {
+    cells: usize,
+    at: &'a dyn Fn(DVec2) -> Option<f64>,
+}
+
 /// The lowest and the highest ground around a place, no further away than `radius_m`, and whether
 /// the world ends there.
-fn around(field: &Field, place: DVec2, radius_m: f64) -> ([f64; 2], bool) {
+fn around(field: &Surface<'_>, place: DVec2, radius_m: f64) -> ([f64; 2], bool) {
     let (mut low, mut high, mut is_border) = (f64::INFINITY, f64::NEG_INFINITY, false);
-    let mut look = |at: DVec2| match field.at(at.x, at.y) {
+    let mut look = |at: DVec2| match (field.at)(at) {
         Some(height) => {
             low = low.min(height);
             high = high.max(height);
@@ -43,7 +50,7 @@ fn around(field: &Field, place: DVec2, radius_m: f64) -> ([f64; 2], bool) {
 }
 
 /// Whether a ray comes over the ground lower than its edge: it goes on under it.
-fn is_under_edge(field: &Field, eye: DVec3, direction: DVec3, focal: f64) -> bool {
+fn is_under_edge(field: &Surface<'_>, eye: DVec3, direction: DVec3, focal: f64) -> bool {
     let end = field.cells as f64 * UNIT_M;
     let (mut entry, mut exit) = (0.0f64, f64::INFINITY);
     for axis in 0..2 {
@@ -63,7 +70,7 @@ fn is_under_edge(field: &Field, eye: DVec3, direction: DVec3, focal: f64) -> boo
 
 /// Pixels that show what is further than a step from what plain rays could meet: ground that is not
 /// there, or ground behind ground.
-fn strays(field: &Field, camera: &Camera, depths: &[f32]) -> Vec<String> {
+fn strays(field: &Surface<'_>, camera: &Camera, depths: &[f32]) -> Vec<String> {
     let eye = camera.eye();
     let focal = camera.focal_px();
     let mut strays = Vec::new();
@@ -132,16 +139,113 @@ fn no_pixel_is_further_than_a_step_from_the_ground_and_none_is_left_out() {
         let camera = pose(field, seed);
         let picture = Picture::new(SIZE);
         let blank = CastOptions { sky_rgb: [1, 254, 3], ..options() };
-        caster.draw(ground, &[&colors[which][..]], &unset, &blank, &picture);
+        caster.draw(&CastTask {
+            ground,
+            colors: &[&colors[which][..]],
+            heights: &[],
+            camera: &unset,
+            options: &blank,
+            picture: &picture,
+        });
         let is_unset = |color: u32| color == u32::from_le_bytes([1, 254, 3, 255]);
         assert!(picture.rgba().all(is_unset), "a camera that sees no ground");
-        caster.draw(ground, &[&colors[which][..]], &camera, &options(), &picture);
+        caster.draw(&CastTask {
+            ground,
+            colors: &[&colors[which][..]],
+            heights: &[],
+            camera: &camera,
+            options: &options(),
+            picture: &picture,
+        });
         assert!(!picture.rgba().any(is_unset), "pose {seed}: a pixel is left out");
         let depths: Vec<f32> = picture.depth().collect();
         assert!(depths.iter().all(|depth| depth.is_nan() || *depth > 0.0), "pose {seed}");
-        let strays = strays(field, &camera, &depths);
+        let surface = Surface { cells: field.cells, at: &|place| field.at(place.x, place.y) };
+        let strays = strays(&surface, &camera, &depths);
         assert!(strays.is_empty(), "pose {seed}, {camera:?}: {} strays, the first: {}", strays.len(), strays[0]);
     }
+}
+
+/// Draws a ground in place; colors and depths.
+fn draw_in_place(caster: &mut Caster, pooled: &PooledField, ground: &Ground, camera: &Camera) -> (Vec<u32>, Vec<f32>) {
+    let picture = Picture::new(SIZE);
+    let colors = pooled.finest().colors();
+    let sky_rgb = [1, 254, 3];
+    caster.draw(&CastTask {
+        ground,
+        colors: &[&colors[..]],
+        heights: &pooled.heights,
+        camera,
+        options: &CastOptions { sky_rgb, ..options() },
+        picture: &picture,
+    });
+    (picture.rgba().collect(), picture.depth().collect())
+}
+
+#[test]
+fn levels_in_place_are_swept_as_near_to_the_surface_that_they_blend_to() {
+    let pooled =
+        [PooledField::new(Field::hills(128, 250.0, 3), 1.0), PooledField::new(Field::towers(128, 60.0, 5), 1.5)];
+    let mut grounds = pooled.each_ref().map(PooledField::ground);
+    let mut caster = Caster::new(1).unwrap();
+    let post_px = f64::from(DETAIL.post_px);
+    for seed in 0..poses() / 2 {
+        let which = seed as usize % 2;
+        let (pooled, ground) = (&pooled[which], &mut grounds[which]);
+        let camera = pose(pooled.finest(), 1000 + seed);
+        pooled.fill(ground, &camera, post_px, |_, _| false);
+        let (_, depths) = draw_in_place(&mut caster, pooled, ground, &camera);
+        let at = |place: DVec2| pooled.at(&camera, post_px, place);
+        let strays = strays(&Surface { cells: 128, at: &at }, &camera, &depths);
+        assert!(strays.is_empty(), "pose {seed}, {camera:?}: {} strays, the first: {}", strays.len(), strays[0]);
+    }
+}
+
+#[test]
+fn levels_in_place_give_the_same_picture_by_any_instructions_and_workers() {
+    let pooled = PooledField::new(Field::hills(128, 250.0, 9), 1.0);
+    let mut ground = pooled.ground();
+    let mut casters = [1, 3].map(|workers| Caster::new(workers).unwrap());
+    for seed in 0..20 {
+        let camera = pose(pooled.finest(), seed);
+        // Where tiles are missing leaves of several levels meet.
+        let is_missing = |level: usize, [m, n]: [usize; 2]| noise((8 * m + n) as u64, level as u64, seed) > 0.9;
+        pooled.fill(&mut ground, &camera, f64::from(DETAIL.post_px), is_missing);
+        let mut pictures = Vec::new();
+        for caster in &mut casters {
+            for instructions in Instructions::all() {
+                caster.set_instructions(instructions);
+                let (colors, depths) = draw_in_place(caster, &pooled, &ground, &camera);
+                pictures.push((colors, depths.into_iter().map(f32::to_bits).collect::<Vec<_>>()));
+            }
+        }
+        assert!(pictures.windows(2).all(|pair| pair[0] == pair[1]), "pose {seed}");
+    }
+}
+
+#[test]
+fn nothing_pops_between_levels_in_place() {
+    // Away from the ground, by less than a hundredth of its distance at a time: leaves are merged on
+    // the way, and no pixel's depth jumps.
+    let pooled = PooledField::new(Field::hills(256, 250.0, 21), 1.0);
+    let mut ground = pooled.ground();
+    let mut caster = Caster::new(1).unwrap();
+    let (mut before, mut leaves): (Option<Vec<f32>>, Vec<usize>) = (None, Vec::new());
+    for step in 0..130 {
+        let height = 400.0 * 1.008f64.powi(step);
+        let camera = camera([1280.0, 1280.0, height], [30.0, -80.0, 20.0], 50.0, SIZE);
+        pooled.fill(&mut ground, &camera, f64::from(DETAIL.post_px), |_, _| false);
+        leaves.push(ground.tile_count());
+        let (_, depths) = draw_in_place(&mut caster, &pooled, &ground, &camera);
+        if let Some(before) = &before {
+            for (k, (a, b)) in before.iter().zip(&depths).enumerate() {
+                assert!((a - b).abs() < 0.02 * a, "step {step}, pixel {k}: {a} m, then {b} m");
+            }
+        }
+        before = Some(depths);
+    }
+    leaves.dedup();
+    assert!(leaves.len() > 2, "leaves are merged: {leaves:?}");
 }
 
 #[test]
@@ -159,7 +263,14 @@ fn pictures_do_not_depend_on_the_instructions() {
                 let picture = Picture::new(SIZE);
                 caster.set_instructions(instructions);
                 let options = CastOptions { sweep: detail, ..options() };
-                caster.draw(&ground, &[&colors[..]], &camera, &options, &picture);
+                caster.draw(&CastTask {
+                    ground: &ground,
+                    colors: &[&colors[..]],
+                    heights: &[],
+                    camera: &camera,
+                    options: &options,
+                    picture: &picture,
+                });
                 picture.rgba().zip(picture.depth().map(f32::to_bits)).collect()
             };
             let portable = draw(Instructions::PORTABLE);
@@ -182,7 +293,17 @@ fn depth_is_that_of_exact_rays() {
         let [exact, swept] = [AnyMethod::Mipmap, AnyMethod::Sweep].map(|method| {
             let picture = Picture::new(SIZE);
             let options = CastOptions { sweep: DETAIL, ..CastOptions::default() };
-            method.draw(&mut Caster::new(1).unwrap(), &ground, &[&field.colors()[..]], &camera, &options, &picture);
+            method.draw(
+                &mut Caster::new(1).unwrap(),
+                &CastTask {
+                    ground: &ground,
+                    colors: &[&field.colors()[..]],
+                    heights: &[],
+                    camera: &camera,
+                    options: &options,
+                    picture: &picture,
+                },
+            );
             picture.depth().collect::<Vec<f32>>()
         });
         let both = exact.iter().zip(&swept);
@@ -206,7 +327,17 @@ fn beside_the_world_its_lower_side_is_seen_as_exact_rays_see_it() {
         let [exact, swept] = [AnyMethod::Mipmap, AnyMethod::Sweep].map(|method| {
             let picture = Picture::new(SIZE);
             let options = CastOptions { sweep: DETAIL, has_undersides: true, ..CastOptions::default() };
-            method.draw(&mut Caster::new(1).unwrap(), &ground, &[&field.colors()[..]], &camera, &options, &picture);
+            method.draw(
+                &mut Caster::new(1).unwrap(),
+                &CastTask {
+                    ground: &ground,
+                    colors: &[&field.colors()[..]],
+                    heights: &[],
+                    camera: &camera,
+                    options: &options,
+                    picture: &picture,
+                },
+            );
             picture.depth().collect::<Vec<f32>>()
         });
         let torn = exact.iter().zip(&swept).filter(|(exact, swept)| exact.is_nan() != swept.is_nan()).count();

@@ -19,6 +19,8 @@ pub struct Ports {
     pub elevation: ElevationReader,
     /// The colour pool.
     pub colors: PoolReader,
+    /// The elevation pool, in runs that read heights out of it.
+    pub elevation_pool: Option<PoolReader>,
     /// What the launcher is told.
     pub events: Producer<Event>,
 }
@@ -31,11 +33,14 @@ impl Ports {
     pub fn open(run: &StageRun) -> Result<Self, SourceError> {
         let control = Control::open(run.id())?;
         control.register(Stage::Renderer)?;
+        let reads_pool = run.config().render.is_swept();
+        let elevation_pool = reads_pool.then(|| PoolReader::open(run.id(), SegmentKind::ElevationPool)).transpose()?;
         Ok(Self {
             control: Arc::new(control),
             ring: Consumer::open(run.id(), SegmentKind::Ring)?,
             elevation: ElevationReader::open(run.id())?,
             colors: PoolReader::open(run.id(), SegmentKind::ColorPool)?,
+            elevation_pool,
             events: Producer::open(run.id(), SegmentKind::EventsRenderer)?,
         })
     }
@@ -45,10 +50,14 @@ impl Ports {
     /// # Errors
     /// They do not fit the world.
     pub fn into_source(self, run: &StageRun, world: World) -> Result<LiveSource, SourceError> {
-        let Self { control, ring, elevation, colors, events } = self;
+        let Self { control, ring, elevation, colors, elevation_pool, events } = self;
         let config = run.config();
         let colors = (colors, config.texels);
         let source = LiveSource::new(control, ring, elevation, colors, Some(events), world, config.frames)?;
-        Ok(source.with_gaps(config.realtime.is_some()))
+        let source = source.with_gaps(config.realtime.is_some());
+        match elevation_pool {
+            Some(pool) => source.with_elevation_pool(pool),
+            None => Ok(source),
+        }
     }
 }

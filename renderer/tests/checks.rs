@@ -7,11 +7,13 @@ use bytemuck::Zeroable;
 use proptest::prelude::*;
 use support::{Scene, camera, draw, node, options, world};
 use terravision_common::camera::CameraFields;
-use terravision_common::ids::{RingPosition, Sequence};
-use terravision_common::slot::{FrameEnd, FrameMarker, Slot, SlotContent, TileSlot, ViewSlot};
+use terravision_common::ids::{RingPosition, Sequence, SlotKey};
+use terravision_common::slot::{
+    ElevationSlot, ElevationTile, FrameEnd, FrameMarker, Slot, SlotContent, TileSlot, ViewSlot,
+};
 use terravision_common::texels::TexelFormat;
 use terravision_renderer::frame::{FrameReader, TileFault, check_tile};
-use terravision_renderer::source::{Done, SourceShape};
+use terravision_renderer::source::{Done, ElevationPoolShape, SourceShape};
 
 const SIZE: [u32; 2] = [32, 24];
 
@@ -56,6 +58,7 @@ fn shape() -> SourceShape {
         done: Done { elevation_end: RingPosition::new(100), ..Done::default() },
         is_resumed: false,
         color_slots: 4,
+        elevation_pool: Some(ElevationPoolShape { slots: 2, stride: 81 }),
         texels: TexelFormat::Rgba8,
         frames: [7, 9],
         has_gaps: false,
@@ -238,6 +241,43 @@ fn frames_that_cannot_be_are_refused_with_a_sentence() {
         let error = feed(&slots).unwrap_err();
         assert!(error.contains(sentence), "{error:?} does not say {sentence:?}");
     }
+}
+
+#[test]
+fn elevation_tiles_that_cannot_be_are_refused_with_a_sentence() {
+    let root = ElevationTile::new(node(0, 0, 3), SlotKey::new(0, 5));
+    // The leaf of `good_tile`.
+    let leaf = ElevationTile::new(node(0, 0, 1), SlotKey::new(1, 5));
+    let named = |tiles: &[ElevationTile]| SlotContent::Elevation(ElevationSlot::of(tiles));
+    let tile = |at| SlotContent::Tile(TileSlot { elevation_position: at, ..good_tile() });
+    let opened = SlotContent::Marker(marker());
+    let closed = |count| SlotContent::End(FrameEnd { elevation_end: 100, elevation_tile_count: count, ..end() });
+    assert_eq!(feed(&[opened, named(&[root, leaf]), tile(1), closed(2)]), Ok(true));
+    assert_eq!(feed(&[opened, named(&[root]), named(&[leaf]), tile(1), closed(2)]), Ok(true));
+    let of = |tile: ElevationTile| vec![opened, named(&[root, tile])];
+    let cases: Vec<(Vec<SlotContent>, &str)> = vec![
+        (vec![named(&[root])], "found elevation tiles, expected a frame marker"),
+        (vec![opened, named(&[root, leaf]), tile(1), named(&[leaf])], "found elevation tiles"),
+        (
+            of(ElevationTile { node: u64::MAX, ..leaf }),
+            "elevation tile 1 of frame 7 from the ring is corrupt: it is not",
+        ),
+        (of(ElevationTile::new(node(9, 0, 3), SlotKey::new(1, 5))), "not of a node with elevation"),
+        (of(ElevationTile { slot: 2, ..leaf }), "its slot is not one of the elevation pool's"),
+        (vec![opened, named(&[root, leaf]), tile(0), closed(2)], "does not belong to the frame"),
+        (vec![opened, named(&[root, leaf]), tile(2), closed(2)], "does not belong to the frame"),
+        (vec![opened, named(&[root, leaf]), tile(u64::MAX), closed(2)], "does not belong to the frame"),
+        (vec![opened, named(&[root, leaf]), tile(1), closed(1)], "number of its elevation tiles is 1, expected 2"),
+    ];
+    for (slots, sentence) in cases {
+        let error = feed(&slots).unwrap_err();
+        assert!(error.contains(sentence), "{error:?} does not say {sentence:?}");
+    }
+    let without = SourceShape { elevation_pool: None, ..shape() };
+    let mut reader = FrameReader::new(without, SIZE).expect("the world is small");
+    let slots = with_view(&[opened, named(&[root])]);
+    let refused = slots.iter().try_fold(false, |_, slot| reader.add(&Slot::new(slot))).expect_err("no pool is read");
+    assert!(refused.to_string().contains("elevation pool's"), "{refused}");
 }
 
 #[test]

@@ -24,7 +24,7 @@ struct Album(Arc<Mutex<Pictures>>);
 
 impl FrameSink for Album {
     fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
-        self.0.lock().expect("no test panics with it").push((picture.frame, picture.rgba.to_vec()));
+        self.0.lock().expect("no test panics with it").push((picture.frame.get(), picture.rgba.to_vec()));
         Ok(())
     }
 

@@ -151,7 +151,7 @@ type Lived = (Result<RunSummary, RunError>, Frames, Vec<Event>);
 
 impl FrameSink for Kept {
     fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
-        self.0.lock().expect("no sink panics").push((picture.frame, picture.rgba.to_vec()));
+        self.0.lock().expect("no sink panics").push((picture.frame.get(), picture.rgba.to_vec()));
         Ok(())
     }
 
@@ -185,7 +185,7 @@ struct Failing(u64);
 
 impl FrameSink for Failing {
     fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
-        if picture.frame < self.0 {
+        if picture.frame.get() < self.0 {
             return Ok(());
         }
         Err(SinkError::Write { source: io::ErrorKind::StorageFull.into(), path: "somewhere".into() })

@@ -124,7 +124,7 @@ impl FrameSink for Window {
         }
         let surface = self.surface.as_mut().unwrap();
         surface.copy_from(image)?;
-        self.shown.lock().unwrap().push((picture.frame, picture.size, surface.read()?));
+        self.shown.lock().unwrap().push((picture.frame.get(), picture.size, surface.read()?));
         Ok(())
     }
 
@@ -138,7 +138,7 @@ struct Album(Shown);
 
 impl FrameSink for Album {
     fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
-        self.0.lock().unwrap().push((picture.frame, picture.size, picture.rgba.to_vec()));
+        self.0.lock().unwrap().push((picture.frame.get(), picture.size, picture.rgba.to_vec()));
         Ok(())
     }
 

@@ -150,7 +150,7 @@ fn cube() -> Rig {
         ("up", 0.0, 1.0),
         ("down", 0.0, -1.0),
     ];
-    Rig { views: (0..).zip(faces).map(turned).collect() }
+    Rig::new((0..).zip(faces).map(turned).collect()).unwrap()
 }
 
 /// The pixels on a side of a face, in order: top and bottom from the left, left and right from the
@@ -173,7 +173,7 @@ fn the_faces_of_a_cube_meet_along_their_edges() {
         [camera([640.0, 640.0, 120.0], 0.0, 0.0, [64, 64]), camera([640.0, 600.0, 130.0], 33.0, -20.0, [64, 64])]
     {
         let rig = cube();
-        let views = rig.views(&pose).unwrap();
+        let views = rig.views_from(&pose).unwrap();
         // Face, side, face, side, and whether the second runs the other way.
         let edges = [
             (0, "right", 1, "left", false),

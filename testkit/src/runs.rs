@@ -1,4 +1,4 @@
-//! Runs that no launcher has planned, for tests of what is told one.
+//! Runs that no launcher has planned, for tests and benches of what is told one.
 
 use terravision_common::level::Measure;
 use terravision_common::run::{

@@ -8,7 +8,7 @@ use terravision_common::level::{LevelFunction, Measure};
 use terravision_raycast::Sampling;
 use terravision_raycast::model::world::{WorldTiles, ground_shape};
 use terravision_raycast::model::{Filter, Ground};
-use terravision_raycast::{CastOptions, Caster, Counts, Method, Picture};
+use terravision_raycast::{CastOptions, CastTask, Caster, Counts, Method, Picture};
 
 /// How a picture is cast.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -91,9 +91,23 @@ pub fn cast(world: &TestWorld, camera: &Camera, sky_rgb: [u8; 3], settings: &Ray
     let options = CastOptions { method: settings.method, sampling, sky_rgb, ..CastOptions::default() };
     let layers = tiles.layers();
     let picture = Picture::new([camera.width(), camera.height()]);
-    caster.draw(&ground, &layers, &camera, &options, &picture);
+    caster.draw(&CastTask {
+        ground: &ground,
+        colors: &layers,
+        heights: &[],
+        camera: &camera,
+        options: &options,
+        picture: &picture,
+    });
     let start = Instant::now();
-    let counts = caster.draw(&ground, &layers, &camera, &options, &picture);
+    let counts = caster.draw(&CastTask {
+        ground: &ground,
+        colors: &layers,
+        heights: &[],
+        camera: &camera,
+        options: &options,
+        picture: &picture,
+    });
     let elapsed = start.elapsed();
     let rgb = |texel: u32| {
         let [r, g, b, _] = texel.to_le_bytes();

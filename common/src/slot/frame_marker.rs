@@ -62,4 +62,8 @@ pub struct FrameEnd {
     pub wanted_count: u32,
     /// Nodes of the frame's tree after truncation.
     pub node_count: u32,
+    /// Tiles of the elevation pool that the frame names: with some it has no elevation arrays.
+    pub elevation_tile_count: u32,
+    /// 0.
+    pub reserved: u32,
 }

@@ -18,7 +18,8 @@ pub struct TileSlot {
     /// drawing.
     pub node: u64,
     /// Position in the elevation ring (monotonic; modulo the ring's capacity it is the array's
-    /// index).
+    /// index). In a frame that names tiles of the elevation pool, which of them is that of the
+    /// elevation leaf, from 0.
     pub elevation_position: u64,
     /// Lower left corner of the elevation leaf, lattice units.
     pub elevation_origin: [u32; 2],

@@ -16,6 +16,7 @@
 //! Posts are multiples of 1/128 m below 65 km, and u, v are multiples of 2^-24 at worst: every step
 //! is exact in double precision, so any order of evaluation, from any leaf, gives the same bits.
 
+use crate::simd::Simd;
 use std::ops::{Add, Mul, Sub};
 
 /// The number type of heights: single or double precision.
@@ -29,6 +30,16 @@ impl Height for f64 {}
 #[must_use]
 pub fn facet_linear<H: Height>(z00: H, z10: H, z01: H, z11: H, u: H, v: H) -> H {
     if is_south_east(u, v) { z00 + u * (z10 - z00) + v * (z11 - z10) } else { z00 + v * (z01 - z00) + u * (z11 - z01) }
+}
+
+/// The same in each lane. Corners: south west, south east, north west, north east.
+#[inline(always)]
+#[must_use]
+pub fn facet_linear_of_lanes<S: Simd>(simd: S, [sw, se, nw, ne]: [S::Floats; 4], [u, v]: [S::Floats; 2]) -> S::Floats {
+    let is_south_east = simd.at_most(v, u);
+    let per_east = simd.select(is_south_east, se - sw, ne - nw);
+    let per_north = simd.select(is_south_east, ne - se, nw - sw);
+    sw + u * per_east + v * per_north
 }
 
 /// Whether a point of a cell is on its south eastern half.

@@ -45,28 +45,28 @@ pub struct FlyArgs {
     pub output: PathBuf,
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
-    pub live: LiveArgs,
-    #[command(flatten)]
-    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
-    pub planes: PlaneArgs,
-    #[command(flatten)]
-    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
-    pub film: FilmArgs,
-    #[command(flatten)]
-    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub course: CourseArgs,
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub picture: PictureArgs,
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
-    pub resources: ResourceArgs,
+    pub film: FilmArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub planes: PlaneArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub live: LiveArgs,
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub realtime: RealtimeArgs,
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub supervision: SupervisionArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub resources: ResourceArgs,
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub database: DatabaseArgs,

@@ -4,9 +4,12 @@ use clap::Args;
 use std::ffi::{OsStr, OsString};
 use std::path::PathBuf;
 
+/// Heading of the flags about depth and ground, of `fly` and `still`.
+pub(super) const PLANES_HEADING: &str = "Depth and ground (docs/data-sets.md)";
+
 /// Depth and ground; of `fly`.
 #[derive(Debug, Default, Args)]
-#[command(next_help_heading = "Depth and ground (docs/data-sets.md)")]
+#[command(next_help_heading = PLANES_HEADING)]
 pub struct PlaneArgs {
     /// Write the depth of every frame into this folder, as frame-000000.tif and so on: float32,
     /// metres along the view axis, NaN for sky. Without a folder: add the depth to shared frames

@@ -3,6 +3,7 @@
 use super::database::DatabaseArgs;
 use super::measurements::MeasurementArgs;
 use super::picture::PictureArgs;
+use super::planes::PLANES_HEADING;
 use super::pose::PoseArgs;
 use super::resources::ResourceArgs;
 use clap::Args;
@@ -24,13 +25,6 @@ pub struct StillArgs {
     /// The picture, a PNG file
     #[arg(short, long, value_name = "FILE.png")]
     pub output: PathBuf,
-    /// Also write the depth of every pixel: float32 TIFF, metres along the view axis, NaN for sky
-    #[arg(long, value_name = "FILE.tif")]
-    pub depth: Option<PathBuf>,
-    /// Also write the ground position that every pixel shows: float64 TIFF of easting, northing and
-    /// height, NaN for sky
-    #[arg(long, value_name = "FILE.tif")]
-    pub ground: Option<PathBuf>,
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub pose: PoseArgs,
@@ -40,6 +34,13 @@ pub struct StillArgs {
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub picture: PictureArgs,
+    /// Also write the depth of every pixel: float32 TIFF, metres along the view axis, NaN for sky
+    #[arg(long, value_name = "FILE.tif", help_heading = PLANES_HEADING)]
+    pub depth: Option<PathBuf>,
+    /// Also write the ground position that every pixel shows: float64 TIFF of easting, northing and
+    /// height, NaN for sky
+    #[arg(long, value_name = "FILE.tif", help_heading = PLANES_HEADING)]
+    pub ground: Option<PathBuf>,
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub resources: ResourceArgs,

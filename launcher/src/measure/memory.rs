@@ -6,8 +6,11 @@ use std::time::{Duration, Instant};
 
 /// Between two looks at the resident sets.
 const RSS_EVERY: Duration = Duration::from_millis(50);
-/// Between two looks at the proportional sets: the kernel walks all pages for them.
+/// Between two looks at the proportional sets at least.
 const PSS_EVERY: Duration = Duration::from_millis(500);
+/// And this many times what the last look took: the kernel walks all pages for them, which is some
+/// milliseconds where pools are large.
+const PSS_SHARE: u32 = 100;
 const KIB: f64 = 1024.0;
 
 /// Peaks of memory by process; MB are 2^20 bytes.
@@ -21,15 +24,15 @@ pub struct MemoryPeaks {
     /// Largest sum of proportional sets at one moment, MB.
     pub pss_total_mb: f64,
     rss_seen: Option<Instant>,
-    pss_seen: Option<Instant>,
+    pss_due: Option<Instant>,
 }
 
 impl MemoryPeaks {
     /// Looks at this process and at others (by name and process id), if it is time again.
     pub fn sample<'a>(&mut self, others: impl Iterator<Item = (&'a str, u32)>) {
         let now = Instant::now();
-        let is_due = |seen: Option<Instant>, every| seen.is_none_or(|seen| now.duration_since(seen) >= every);
-        let (is_rss_due, is_pss_due) = (is_due(self.rss_seen, RSS_EVERY), is_due(self.pss_seen, PSS_EVERY));
+        let is_rss_due = self.rss_seen.is_none_or(|seen| now.duration_since(seen) >= RSS_EVERY);
+        let is_pss_due = self.pss_due.is_none_or(|due| now >= due);
         if !is_rss_due && !is_pss_due {
             return;
         }
@@ -41,7 +44,6 @@ impl MemoryPeaks {
             }
         }
         if is_pss_due {
-            self.pss_seen = Some(now);
             let mut total = 0.0;
             for (name, pid) in &processes {
                 let kib = kib_of(&format!("/proc/{pid}/smaps_rollup"), "Pss:");
@@ -49,6 +51,7 @@ impl MemoryPeaks {
                 raise(&mut self.pss_mb, name, kib);
             }
             self.pss_total_mb = self.pss_total_mb.max(total);
+            self.pss_due = Some(now + PSS_EVERY.max(now.elapsed() * PSS_SHARE));
         }
     }
 }

@@ -254,7 +254,7 @@ fn views_in_the_ground(choice: &PictureChoice, cameras: &[Camera], ground: &impl
         let below = cameras.iter().filter(|pose| view.camera(pose).is_ok_and(|camera| is_below(camera.eye()))).count();
         (below > 0).then(|| format!("view {} is below ground in {below} of {} frames", view.name, cameras.len()))
     };
-    choice.rig.iter().flat_map(|rig| &rig.views).filter_map(of_view).collect()
+    choice.rig.iter().flat_map(|rig| rig.views()).filter_map(of_view).collect()
 }
 
 /// The run's shared memory.

@@ -75,7 +75,7 @@ impl PlaneFolders {
         let count = self.depth.len().max(self.ground.len());
         let (mut depth, mut ground) = (self.depth.into_iter(), self.ground.into_iter());
         let of_view = |index: usize| {
-            let view = config.rig.as_ref().and_then(|rig| rig.views.get(index)).cloned();
+            let view = config.rig.as_ref().and_then(|rig| rig.views().get(index)).cloned();
             let size = view.as_ref().map_or([config.width, config.height], |view| view.size);
             let pictures = match &config.render.sink {
                 SinkConfig::PngFolder(folder) if view.is_none() => Some(folder.clone()),

@@ -22,13 +22,13 @@ pub enum RigError {
         /// What is wrong, and where.
         source: serde_json::Error,
     },
-    /// It has too few or too many views.
-    #[error("--views {} has {found} views, expected 1 to 6", path.display())]
-    Count {
+    /// Its views are not a rig.
+    #[error("--views {}: {source}", path.display())]
+    Rig {
         /// The file.
         path: PathBuf,
-        /// Its views.
-        found: usize,
+        /// Why not.
+        source: terravision_common::rig::RigError,
     },
     /// A value is out of range.
     #[error("--views {}: the {key} of view {view} is {found}, expected {expected}", path.display())]

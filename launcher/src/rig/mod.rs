@@ -9,7 +9,7 @@ use serde::Deserialize;
 use std::path::{Path, PathBuf};
 use terravision_common::camera::MAX_SIDE_PX;
 use terravision_common::files::read_bounded;
-use terravision_common::rig::{MAX_VIEWS, Rig, RigView};
+use terravision_common::rig::{self, MAX_VIEWS, Rig, RigView};
 
 /// Most bytes of a file of views.
 pub const MAX_VIEWS_BYTES: u64 = 64 << 10;
@@ -88,7 +88,8 @@ impl RigFile {
             serde_json::from_slice(bytes).map_err(|source| RigError::Json { path: path.to_owned(), source })?;
         let file = Self { path: path.to_owned(), pictures: written.pictures, views: written.views };
         if !(1..=MAX_VIEWS).contains(&file.views.len()) {
-            return Err(RigError::Count { path: path.to_owned(), found: file.views.len() });
+            let source = rig::RigError::Count { found: file.views.len() };
+            return Err(RigError::Rig { path: path.to_owned(), source });
         }
         for (index, view) in file.views.iter().enumerate() {
             file.check(index, view)?;
@@ -168,7 +169,7 @@ impl RigFile {
             });
         }
         self.check_places(&views)?;
-        Ok(Rig { views })
+        Rig::new(views).map_err(|source| RigError::Rig { path: self.path.clone(), source })
     }
 
     fn check_places(&self, views: &[RigView]) -> Result<(), RigError> {
@@ -217,8 +218,8 @@ mod tests {
         let file =
             parse(r#"{"views": [{"name": "left", "right_m": -0.03}, {"name": "right", "right_m": 0.03}]}"#).unwrap();
         let rig = file.rig([640, 480], 1.0).unwrap();
-        assert_eq!((rig.views[0].at, rig.views[1].at), ([0, 0], [640, 0]));
-        assert_eq!((rig.views[1].offset_m, rig.views[1].vfov_rad), ([0.03, 0.0, 0.0], 1.0));
+        assert_eq!((rig.views()[0].at, rig.views()[1].at), ([0, 0], [640, 0]));
+        assert_eq!((rig.views()[1].offset_m, rig.views()[1].vfov_rad), ([0.03, 0.0, 0.0], 1.0));
         assert_eq!((file.pictures, rig.view_size(), rig.pixels()), (Pictures::SideBySide, [640, 480], 2 * 640 * 480));
     }
 
@@ -230,9 +231,9 @@ mod tests {
                 {"name": "down", "pitch_deg": -90, "vfov_deg": 40, "width": 200, "height": 100, "x": 20, "y": 480}]}"#,
         );
         let rig = file.unwrap().rig([640, 480], 1.0).unwrap();
-        assert_eq!((rig.views[1].at, rig.views[1].size), ([20, 480], [200, 100]));
-        assert!((rig.views[1].pitch_rad + std::f64::consts::FRAC_PI_2).abs() < 1e-12);
-        assert_eq!(rig.views[1].vfov_rad, 40f64.to_radians());
+        assert_eq!((rig.views()[1].at, rig.views()[1].size), ([20, 480], [200, 100]));
+        assert!((rig.views()[1].pitch_rad + std::f64::consts::FRAC_PI_2).abs() < 1e-12);
+        assert_eq!(rig.views()[1].vfov_rad, 40f64.to_radians());
     }
 
     #[test]

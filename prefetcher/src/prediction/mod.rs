@@ -80,7 +80,7 @@ impl<R: HeightRanges> Ahead<R> {
         for camera in &cameras {
             let views = match &self.config.rig {
                 // From a predicted pose a rig may have no valid camera: it is passed over.
-                Some(rig) => rig.views(camera).map(|views| widened_views(&views, unsure_secs)),
+                Some(rig) => rig.views_from(camera).map(|views| widened_views(&views, unsure_secs)),
                 None => Ok(Views::single(camera)),
             };
             let Ok(views) = views else { continue };

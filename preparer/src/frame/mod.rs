@@ -14,7 +14,7 @@ use terravision_common::camera::Camera;
 use terravision_common::level::LevelFunction;
 use terravision_common::rig::Views;
 use terravision_common::shm::WaitError;
-use terravision_common::slot::{FrameEnd, FrameMarker, SlotContent, TileSlot, ViewSlot};
+use terravision_common::slot::{ElevationSlot, ElevationTile, FrameEnd, FrameMarker, SlotContent, TileSlot, ViewSlot};
 use terravision_common::surface::tile::node_elevation;
 use terravision_common::tree::TreeHeader;
 use terravision_common::world::World;
@@ -102,6 +102,8 @@ pub struct FrameCounts {
     pub nodes: u32,
     /// Elevation arrays.
     pub arrays: u32,
+    /// Tiles of the elevation pool that it names.
+    pub elevations: u32,
     /// Tile slots.
     pub tiles: u32,
 }
@@ -149,12 +151,59 @@ impl FrameMaker {
     /// [`FrameError`]; part of the frame may be in the ring then, without its end.
     pub fn make(
         &mut self,
-        &FrameRequest { header, pose, views, level }: &FrameRequest<'_>,
+        request: &FrameRequest<'_>,
         tree: &FrameTree,
         tiles: &impl Tiles,
         unavailable: u32,
         out: &mut impl FrameOutput,
     ) -> Result<FrameCounts, FrameError> {
+        self.begin(request, tree, tiles, out)?;
+        let tile_count = self.put_blocks(request, tree, tiles, out)?;
+        let arrays = self.truncation.elevation_leaves().len() as u32;
+        self.end(FrameCounts { unavailable, arrays, tiles: tile_count, ..FrameCounts::default() }, request, tree, out)
+    }
+
+    /// The same for who reads heights out of the elevation pool, in place: no array is made, and
+    /// nothing is culled.
+    ///
+    /// # Errors
+    /// As [`FrameMaker::make`].
+    pub fn make_in_place(
+        &mut self,
+        request: &FrameRequest<'_>,
+        tree: &FrameTree,
+        tiles: &impl Tiles,
+        unavailable: u32,
+        out: &mut impl FrameOutput,
+    ) -> Result<FrameCounts, FrameError> {
+        self.begin(request, tree, tiles, out)?;
+        for nodes in self.truncation.elevation_nodes().chunks(ElevationSlot::MOST) {
+            let mut elevations = [ElevationTile::zeroed(); ElevationSlot::MOST];
+            for (elevation, node) in elevations.iter_mut().zip(nodes) {
+                let key = tiles.elevation_key(*node).ok_or(TileVanished { node: *node })?;
+                *elevation = ElevationTile::new(*node, key);
+            }
+            out.slot(&SlotContent::Elevation(ElevationSlot::of(&elevations)))?;
+        }
+        for leaf in self.truncation.elevation_leaves() {
+            for color in self.truncation.colors_of(leaf) {
+                let slot = tile_slot(&self.world, leaf, color, leaf.tile.into(), (0, [0; 4]));
+                out.slot(&SlotContent::Tile(slot))?;
+            }
+        }
+        let tiles = self.truncation.color_leaves().len() as u32;
+        let elevations = self.truncation.elevation_nodes().len() as u32;
+        self.end(FrameCounts { unavailable, elevations, tiles, ..FrameCounts::default() }, request, tree, out)
+    }
+
+    /// Truncates the tree, and opens the frame.
+    fn begin(
+        &mut self,
+        &FrameRequest { header, views, .. }: &FrameRequest<'_>,
+        tree: &FrameTree,
+        tiles: &impl Tiles,
+        out: &mut impl FrameOutput,
+    ) -> Result<(), FrameError> {
         self.truncation.truncate(tree, tiles)?;
         out.slot(&SlotContent::Marker(FrameMarker {
             frame: header.frame,
@@ -168,6 +217,17 @@ impl FrameMaker {
             let count = views.len() as u32;
             out.slot(&SlotContent::View(ViewSlot { camera: *view.camera.fields(), at: view.at, index, count }))?;
         }
+        Ok(())
+    }
+
+    /// Makes the elevation arrays, and the slots of what is seen; how many.
+    fn put_blocks(
+        &mut self,
+        &FrameRequest { pose, views, level, .. }: &FrameRequest<'_>,
+        tree: &FrameTree,
+        tiles: &impl Tiles,
+        out: &mut impl FrameOutput,
+    ) -> Result<u32, FrameError> {
         self.decimation.choose(&self.truncation, level, tiles, &mut self.heights)?;
         let world = self.world;
         self.culling.look(
@@ -187,8 +247,7 @@ impl FrameMaker {
                 culling.enter(leaf.node, values, snaps);
                 Ok(())
             })?;
-            let range = leaf.first_color_leaf as usize..leaf.end_color_leaf as usize;
-            for color in &self.truncation.color_leaves()[range] {
+            for color in self.truncation.colors_of(leaf) {
                 let mut slot = tile_slot(&self.world, leaf, color, position, snaps);
                 if !self.is_culled || self.culling.cull(&mut slot) {
                     out.slot(&SlotContent::Tile(slot))?;
@@ -197,20 +256,28 @@ impl FrameMaker {
             }
             self.culling.leave();
         }
-        let counts = FrameCounts {
-            wanted: tree.wanted().len() as u32,
-            unavailable,
-            nodes: self.truncation.node_count(),
-            arrays: self.truncation.elevation_leaves().len() as u32,
-            tiles: tile_count,
-        };
+        Ok(tile_count)
+    }
+
+    /// Closes the frame.
+    fn end(
+        &self,
+        counts: FrameCounts,
+        request: &FrameRequest<'_>,
+        tree: &FrameTree,
+        out: &mut impl FrameOutput,
+    ) -> Result<FrameCounts, FrameError> {
+        let (wanted, nodes) = (tree.wanted().len() as u32, self.truncation.node_count());
+        let counts = FrameCounts { wanted, nodes, ..counts };
         out.slot(&SlotContent::End(FrameEnd {
-            frame: header.frame,
+            frame: request.header.frame,
             tile_count: counts.tiles,
-            unavailable_count: unavailable,
+            unavailable_count: counts.unavailable,
             elevation_end: out.next_position(),
             wanted_count: counts.wanted,
             node_count: counts.nodes,
+            elevation_tile_count: counts.elevations,
+            reserved: 0,
         }))?;
         out.finish()?;
         Ok(counts)

@@ -136,6 +136,10 @@ impl Tiles for WantedTiles {
     fn elevation(&self, node: NodeId) -> Option<&[f32]> {
         self.elevation.bytes(node, self.sequence).map(|bytes| bytes.f32())
     }
+
+    fn elevation_key(&self, node: NodeId) -> Option<SlotKey> {
+        self.elevation.kept(node, self.sequence)
+    }
 }
 
 impl TileLoader for WantedTiles {

@@ -307,6 +307,7 @@ impl Flight {
                     let frame = open.as_ref().expect("a view has a frame");
                     assert_eq!((view.camera, view.index, view.count), (frame.marker.camera, 0, 1));
                 }
+                SlotContent::Elevation(_) => panic!("this run's frames have elevation arrays"),
                 SlotContent::Tile(tile) => {
                     let frame = open.as_mut().expect("a tile has a frame");
                     self.look_at_color(&tile, colors);

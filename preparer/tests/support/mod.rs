@@ -93,7 +93,9 @@ impl Case {
 
     /// The views that are drawn.
     pub fn views(&self) -> Views {
-        self.rig.as_ref().map_or_else(|| Views::single(&self.camera), |rig| rig.views(&self.camera).expect("valid"))
+        self.rig
+            .as_ref()
+            .map_or_else(|| Views::single(&self.camera), |rig| rig.views_from(&self.camera).expect("valid"))
     }
 
     /// The generator's tree.
@@ -167,6 +169,10 @@ impl Tiles for SomeTiles {
 
     fn elevation(&self, node: NodeId) -> Option<&[f32]> {
         self.elevation.get(&node).map(Vec::as_slice)
+    }
+
+    fn elevation_key(&self, node: NodeId) -> Option<SlotKey> {
+        self.elevation.contains_key(&node).then(|| SlotKey::new(u32::from(node.q()), 1 + node.m()))
     }
 }
 

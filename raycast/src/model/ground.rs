@@ -1,7 +1,8 @@
 //! The ground: tiles side by side, and data about all of them.
 
 use super::maxima::{self, Scratch};
-use super::spec::{Detail, GroundError, GroundShape, TileSpec};
+use super::pyramid::{PoolShape, PoolTile, Pyramid};
+use super::spec::{Detail, GroundError, GroundShape, PatchSpec, TileSpec};
 use super::steep::SteepBlock;
 use super::tile::Tile;
 use super::tree::Tree;
@@ -28,6 +29,10 @@ pub struct Ground {
     /// Voxels of the tiles that have some.
     pub(super) voxels: Voxels,
     pub(super) scratch: Scratch,
+    /// Tiles of the elevation pool, where heights may lie in place.
+    pyramid: Option<Pyramid>,
+    /// Whether they do.
+    is_in_place: bool,
     /// Tiles by their distance from the eye, the nearest first.
     order: Vec<(f64, u32)>,
     lowest_m: f32,
@@ -51,6 +56,8 @@ impl Ground {
             steep: Vec::new(),
             voxels: Voxels::default(),
             scratch: Scratch::default(),
+            pyramid: None,
+            is_in_place: false,
             order: Vec::new(),
             lowest_m: 0.0,
             highest_m: 0.0,
@@ -59,6 +66,72 @@ impl Ground {
         };
         ground.clear(0.0);
         ground
+    }
+
+    /// The same, with an elevation pool in which heights may lie in place.
+    #[must_use]
+    pub fn with_pool(mut self, pool: PoolShape) -> Self {
+        self.pyramid = Some(Pyramid::new(pool, self.shape.surface, self.shape.levels));
+        self
+    }
+
+    /// Removes all tiles; heights of new ones lie in the elevation pool. Of those a sweep alone
+    /// makes pictures.
+    ///
+    /// # Panics
+    /// Without a pool ([`Ground::with_pool`]).
+    pub fn clear_in_place(&mut self) {
+        self.clear(0.0);
+        self.is_in_place = true;
+        self.pyramid.as_mut().expect("a ground in place has a pool").clear();
+    }
+
+    /// Adds a tile of the elevation pool, whose heights are `heights`, after the one above it.
+    ///
+    /// # Errors
+    /// [`GroundError`]; the ground is unchanged.
+    pub fn add_pool_tile(&mut self, tile: &PoolTile, heights: &[f32]) -> Result<(), GroundError> {
+        let unattached = GroundError::Unattached { origin: tile.origin, level: tile.level };
+        self.pyramid.as_mut().filter(|_| self.is_in_place).ok_or(unattached)?.add(tile, heights)
+    }
+
+    /// Adds a part of the ground over tiles of the elevation pool.
+    ///
+    /// # Errors
+    /// [`GroundError`]; the ground is unchanged.
+    pub fn add_patch(&mut self, spec: &PatchSpec) -> Result<(), GroundError> {
+        let PatchSpec { origin, level, log_spacing, cells, color } = *spec;
+        self.shape.check_place(origin, level, log_spacing, cells)?;
+        let index = self.tiles.len() as u32;
+        let inserted = self.tree.insert(origin, u32::from(level), index, f32::INFINITY);
+        inserted.map_err(|_occupied| GroundError::Occupied { origin })?;
+        self.push(Tile {
+            origin,
+            log_spacing,
+            spacing_m: self.shape.surface.spacing_m(log_spacing) as f32,
+            cells,
+            heights_at: 0,
+            maxima_at: 0,
+            shares_at: None,
+            voxels: TileVoxels::default(),
+            lowest_m: 0.0,
+            top_m: 0.0,
+            color,
+        });
+        Ok(())
+    }
+
+    /// To be called when all parts and pool tiles have been added.
+    pub fn finish_in_place(&mut self) {
+        if let Some(pyramid) = self.pyramid.as_mut().filter(|_| self.is_in_place) {
+            [self.lowest_m, self.highest_m] = pyramid.finish();
+        }
+    }
+
+    /// The tiles of the elevation pool in which the heights of this ground lie; `None` where it has
+    /// heights of its own.
+    pub(crate) fn pyramid(&self) -> Option<&Pyramid> {
+        self.pyramid.as_ref().filter(|_| self.is_in_place)
     }
 
     /// Removes all tiles. Heights of new ones are stored in metres above `datum_m`, which is best
@@ -76,6 +149,7 @@ impl Ground {
         self.highest_m = f32::NEG_INFINITY;
         self.end = [0; 2];
         self.is_cut = false;
+        self.is_in_place = false;
     }
 
     /// Adds a tile. Rays see it after [`Ground::finish`].
@@ -102,12 +176,7 @@ impl Ground {
         let shares_at = self.add_shares(spec);
         self.lowest_m = self.lowest_m.min(lowest_m);
         self.highest_m = self.highest_m.max(highest_m);
-        for ((axis, end), extent) in self.end.iter_mut().enumerate().zip(self.shape.surface.extent()) {
-            let reach = origin[axis].saturating_add(cells[axis] << log_spacing);
-            self.is_cut |= reach > extent;
-            *end = (*end).max(reach.min(extent));
-        }
-        self.tiles.push(Tile {
+        self.push(Tile {
             origin,
             log_spacing,
             spacing_m,
@@ -121,6 +190,15 @@ impl Ground {
             color: spec.color,
         });
         Ok(())
+    }
+
+    fn push(&mut self, tile: Tile) {
+        for ((axis, end), extent) in self.end.iter_mut().enumerate().zip(self.shape.surface.extent()) {
+            let reach = tile.origin[axis].saturating_add(tile.cells[axis] << tile.log_spacing);
+            self.is_cut |= reach > extent;
+            *end = (*end).max(reach.min(extent));
+        }
+        self.tiles.push(tile);
     }
 
     /// Appends the heights of a tile, row by row, above this ground's datum.

@@ -14,6 +14,7 @@ mod ground;
 mod heights;
 mod maxima;
 mod neighbors;
+mod pyramid;
 mod spec;
 mod steep;
 mod tile;
@@ -24,7 +25,9 @@ pub mod world;
 
 pub use density::{BOX_HALF_WIDTH, Filter, SIGMA, THRESHOLD};
 pub use ground::Ground;
-pub use spec::{Detail, GroundError, GroundShape, TileSpec};
+pub(crate) use pyramid::{LevelDistances, Pyramid, Source, TileSource};
+pub use pyramid::{PoolShape, PoolTile};
+pub use spec::{Detail, GroundError, GroundShape, PatchSpec, TileSpec};
 pub(crate) use steep::SLOPE_BOUND;
 pub(crate) use tile::Tile;
 pub(crate) use tree::Found;

@@ -47,6 +47,21 @@ pub struct TileSpec<'a> {
     pub is_accurate: bool,
 }
 
+/// A part of a ground whose heights lie in the elevation pool.
+#[derive(Debug, Clone, Copy)]
+pub struct PatchSpec {
+    /// Lower left corner of its node, lattice units.
+    pub origin: [u32; 2],
+    /// Level of the node: its side is `side << level`.
+    pub level: u8,
+    /// log2 of the distance of the finest posts below it, lattice units.
+    pub log_spacing: u8,
+    /// Number of cells of that size east and north, at most those that fill its node.
+    pub cells: [u32; 2],
+    /// Its colours.
+    pub color: ColorPlace,
+}
+
 /// Why a tile cannot be added.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
@@ -77,6 +92,14 @@ pub enum GroundError {
         /// Which.
         index: usize,
     },
+    /// The tile above it has not been added.
+    #[error("no tile of level {} has been added above the one of level {level} at {origin:?}", level + 1)]
+    Unattached {
+        /// Lower left corner.
+        origin: [u32; 2],
+        /// Level.
+        level: u8,
+    },
     /// Another tile is there.
     #[error("the tile at {origin:?} covers another one")]
     Occupied {
@@ -89,7 +112,25 @@ impl GroundShape {
     /// Checks that a tile lies on a node of the quad tree, and has as many heights as its cells
     /// need.
     pub(super) fn check(&self, spec: &TileSpec<'_>) -> Result<(), GroundError> {
-        let TileSpec { origin, level, cells, stride, .. } = *spec;
+        let TileSpec { origin, level, log_spacing, cells, stride, .. } = *spec;
+        self.check_place(origin, level, log_spacing, cells)?;
+        let needed = cells[1] as usize * stride + cells[0] as usize + 1;
+        let is_short = |plane: &[f32]| plane.len() < needed;
+        let are_short = is_short(spec.heights) || spec.shares.is_some_and(|planes| planes.into_iter().any(is_short));
+        if stride <= cells[0] as usize || are_short {
+            return Err(GroundError::Cells { cells, heights: spec.heights.len() });
+        }
+        Ok(())
+    }
+
+    /// Checks that a node of the quad tree begins there, and that its cells do not more than fill it.
+    pub(super) fn check_place(
+        &self,
+        origin: [u32; 2],
+        level: u8,
+        log_spacing: u8,
+        cells: [u32; 2],
+    ) -> Result<(), GroundError> {
         let levels = self.levels;
         let log_node = self.surface.cells().ilog2() + u32::from(level);
         let log_root = self.surface.cells().ilog2() + u32::from(levels) - 1;
@@ -100,14 +141,8 @@ impl GroundShape {
         if !is_place {
             return Err(GroundError::Place { origin, level, levels });
         }
-        let is_filled = |n: u32| n > 0 && u64::from(n) << spec.log_spacing <= 1 << log_node;
-        let needed = cells[1] as usize * stride + cells[0] as usize + 1;
-        let is_short = |plane: &[f32]| plane.len() < needed;
-        let are_short = is_short(spec.heights) || spec.shares.is_some_and(|planes| planes.into_iter().any(is_short));
-        if !cells.iter().all(|n| is_filled(*n)) || stride <= cells[0] as usize || are_short {
-            return Err(GroundError::Cells { cells, heights: spec.heights.len() });
-        }
-        Ok(())
+        let is_filled = |n: u32| n > 0 && u64::from(n) << log_spacing <= 1 << log_node;
+        if cells.iter().all(|n| is_filled(*n)) { Ok(()) } else { Err(GroundError::Cells { cells, heights: 0 }) }
     }
 }
 

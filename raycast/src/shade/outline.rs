@@ -1,8 +1,6 @@
 //! Outlines of tiles over a drawn picture, computed from depth alone, so that they are the same for
 //! all methods.
 
-use crate::model::Tile;
-use crate::model::facet::Facet;
 use crate::picture::Picture;
 use crate::scene::Scene;
 use crate::workers::Workers;
@@ -64,7 +62,7 @@ impl Outliner<'_> {
         let outline = *self.outlines.get(index)?;
         let at = (point - placed.corner.truncate()) * placed.per_m;
         let cells = Vec2::new(tile.cells[0] as f32, tile.cells[1] as f32);
-        let normal = (-self.slope(tile, at) * placed.per_m).extend(1.0);
+        let normal = (-self.scene.slope_at(index as u32, point)).extend(1.0);
         let toward = normal.dot(direction);
         let facing = toward.abs().max(LEAST_FACING).copysign(toward);
         // The step on the facet from this pixel to the next one, cells.
@@ -76,17 +74,6 @@ impl Outliner<'_> {
         let from_edge = (at.min(cells - at) / per_pixel).min_element();
         let cover = (WIDTH_PX - from_edge).clamp(0.0, 1.0);
         (cover > 0.0).then_some((outline, cover))
-    }
-
-    /// Metres up per cell east and north, on the facet at a point of a tile, cells.
-    fn slope(&self, tile: &Tile, at: Vec2) -> Vec2 {
-        let [i, j] = [0, 1].map(|axis| (at[axis].max(0.0) as u32).min(tile.cells[axis] - 1) as usize);
-        let (stride, heights) = (tile.posts()[0], self.scene.ground.heights(tile));
-        let south = j * stride + i;
-        let corners = [south, south + 1, south + stride, south + stride + 1].map(|post| heights[post]);
-        let corner = Vec2::new(i as f32, j as f32);
-        let by = at - corner;
-        Facet::of_cell(corner, corners)[usize::from(by.x < by.y)].slope
     }
 }
 

@@ -1,10 +1,10 @@
 //! The planes of a sector, sixteen at a time, and how far apart they are sampled outwards.
 
 use super::SweepDetail;
-use super::lanes::{Floats, LANES};
 use super::sector::{Row, Sector};
 use crate::scene::Scene;
 use glam::Vec2;
+use terravision_common::simd::{LANES, Sixteen};
 
 /// Steps are no longer than this share of the finest spacing of posts near the eye.
 const OF_SPACING: f32 = 0.5;
@@ -16,18 +16,18 @@ const NEAREST: f32 = 1.0 / 64.0;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Block {
     /// Directions on the ground, of length 1.
-    pub(super) east: Floats,
-    pub(super) north: Floats,
+    pub(super) east: Sixteen<f32>,
+    pub(super) north: Sixteen<f32>,
     /// Of a point a metre away at the eye's height: height above the middle of the picture, and
     /// depth, on the plane of depth 1.
-    pub(super) rise: Floats,
-    pub(super) depth: Floats,
+    pub(super) rise: Sixteen<f32>,
+    pub(super) depth: Sixteen<f32>,
     /// Slopes along the picture's lower and upper edge.
-    pub(super) lowest: Floats,
-    pub(super) highest: Floats,
+    pub(super) lowest: Sixteen<f32>,
+    pub(super) highest: Sixteen<f32>,
     /// Where the ground begins and ends, metres from the eye.
-    pub(super) begin: Floats,
-    pub(super) end: Floats,
+    pub(super) begin: Sixteen<f32>,
+    pub(super) end: Sixteen<f32>,
     /// Whether there is any, of each plane.
     pub(super) has_ground: [bool; LANES],
 }
@@ -129,7 +129,7 @@ fn first_distance(scene: &Scene<'_>, lowest: f32) -> f32 {
     for _ in 0..80 {
         let further = distance * 1.1;
         let square = crate::scene::Bounds { min: Vec2::splat(-further), max: Vec2::splat(further) };
-        if scene.highest_in(square) >= lowest * further {
+        if scene.highest_in(square, [0.0, 1.5 * further]) >= lowest * further {
             break;
         }
         distance = further;

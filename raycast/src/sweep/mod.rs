@@ -14,14 +14,12 @@
 //! ```
 //!
 //! The surface is that of all methods: facets of the ground's tiles. It is sampled at steps of so
-//! many pixels, as if it faced the eye, and drawn straight between them. Kernels are loops over
-//! arrays ([`lanes`]), done by the widest instructions that the processor has ([`instructions`]),
-//! with the same bits by all of them.
+//! many pixels, as if it faced the eye, and drawn straight between them. Kernels are written over
+//! vectors of sixteen numbers (`terravision_common::simd`), done by the widest instructions that the processor
+//! has ([`Instructions`]), with the same bits by all of them.
 
 mod fan;
 mod heights;
-mod instructions;
-mod lanes;
 mod sector;
 mod shade;
 mod stretch;
@@ -31,24 +29,22 @@ mod tests;
 mod texels;
 mod trace;
 
-pub use instructions::Instructions;
-
 use crate::counts::Counts;
 use crate::scene::Scene;
 use crate::shade::Canvas;
 use crate::workers::Workers;
-use fan::Fan;
-use instructions::Work;
+use fan::{Block, Fan};
 use sector::{Row, Sector};
 use shade::Shader;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use strip::{LINES, Strip};
 use terravision_common::camera::Camera;
+use terravision_common::simd::{Instructions, LANES, Simd, Work};
 use trace::Tracer;
 
 /// Blocks of a strip.
-const BLOCKS: usize = LINES / lanes::LANES;
+const BLOCKS: usize = LINES / LANES;
 /// A picture has no more sectors.
 const MOST_SECTORS: usize = 4;
 
@@ -58,6 +54,9 @@ pub struct SweepDetail {
     /// From step to step outwards, pixels of the picture at that distance: smaller steps follow
     /// crests more closely and cost more.
     pub step_px: f32,
+    /// From post to post at most, where heights lie in levels of the elevation pool: the level of
+    /// a place is chosen by its distance.
+    pub post_px: f32,
     /// Planes to a pixel where they are widest apart; between two is interpolated.
     pub lines_per_px: f32,
     /// Width of a texel, in lengths of a pixel's footprint along the line of sight.
@@ -70,16 +69,35 @@ pub struct SweepDetail {
 
 impl SweepDetail {
     /// Fewest samples for a good picture.
-    pub const DEFAULT: Self =
-        Self { step_px: 3.0, lines_per_px: 0.5, footprint_along: 0.5, footprint_across: 0.7, has_two_taps: false };
+    pub const DEFAULT: Self = Self {
+        step_px: 3.0,
+        post_px: 3.0,
+        lines_per_px: 0.5,
+        footprint_along: 0.5,
+        footprint_across: 0.7,
+        has_two_taps: false,
+    };
     /// As near to the truth as it gets.
-    pub const BEST: Self = Self { step_px: 1.0, lines_per_px: 1.0, has_two_taps: true, ..Self::DEFAULT };
+    pub const BEST: Self = Self { step_px: 1.0, post_px: 1.0, lines_per_px: 1.0, has_two_taps: true, ..Self::DEFAULT };
 
     /// As densely as facets of this size are worth: two samples to a facet.
     #[must_use]
     pub fn for_facets(facet_px: f32) -> Self {
-        let step_px = (0.5 * facet_px).clamp(Self::BEST.step_px, 8.0);
-        if step_px <= 2.0 { Self { step_px, ..Self::BEST } } else { Self { step_px, ..Self::DEFAULT } }
+        Self::with_steps((0.5 * facet_px).clamp(Self::BEST.step_px, 8.0))
+    }
+
+    /// As densely as the posts of levels are that are chosen for facets of this size: a cell of two
+    /// facets is as wide as the square root of two. Then no leaf of the tree is coarser than its
+    /// distance wants.
+    #[must_use]
+    pub fn for_levels(facet_px: f32) -> Self {
+        let post_px = std::f32::consts::SQRT_2 * facet_px;
+        Self { post_px, ..Self::with_steps(post_px.clamp(Self::BEST.step_px, 8.0)) }
+    }
+
+    fn with_steps(step_px: f32) -> Self {
+        let usual = if step_px <= 2.0 { Self::BEST } else { Self::DEFAULT };
+        Self { step_px, post_px: step_px, ..usual }
     }
 }
 
@@ -134,8 +152,9 @@ impl Sweep {
             let mut counts = Counts::default();
             // Relaxed: which worker takes a strip shows nowhere.
             while let Some([fan, first]) = strips.get(next.fetch_add(1, Ordering::Relaxed)).copied() {
-                let work = StripWork { canvas, fan: &fans[fan], first, detail, strip: &mut strip };
-                counts = counts + instructions.run(work);
+                let work = StripWork { canvas, fan: &fans[fan], first, detail };
+                counts.samples += instructions.run(Trace { work, strip: &mut strip });
+                counts.hits += instructions.run(Shade { work, strip: &strip });
             }
             counts
         })
@@ -165,32 +184,57 @@ impl Sweep {
 }
 
 /// A strip to be swept and shaded.
+#[derive(Clone, Copy)]
 struct StripWork<'a> {
     canvas: &'a Canvas<'a>,
     fan: &'a Fan,
     /// Its first block.
     first: usize,
     detail: &'a SweepDetail,
+}
+
+impl<'a> StripWork<'a> {
+    fn blocks(&self) -> &'a [Block] {
+        &self.fan.blocks[self.first..self.fan.blocks.len().min(self.first + BLOCKS)]
+    }
+}
+
+/// What its lines see; how many samples that took.
+struct Trace<'a> {
+    work: StripWork<'a>,
     strip: &'a mut Strip,
 }
 
-impl Work for StripWork<'_> {
-    type Output = Counts;
+impl Work for Trace<'_> {
+    type Output = u64;
 
     #[inline(always)]
-    fn run(self) -> Counts {
-        let Self { canvas, fan, first, detail, strip } = self;
-        let mut counts = Counts::default();
-        let blocks = &fan.blocks[first..fan.blocks.len().min(first + BLOCKS)];
-        for (number, block) in blocks.iter().enumerate() {
-            let Some(mut tracer) = Tracer::new(canvas.scene, fan, block) else { continue };
-            tracer.trace(strip, number * lanes::LANES);
-            counts.samples += tracer.samples;
+    fn run<S: Simd>(self, simd: S) -> u64 {
+        let Self { work, strip } = self;
+        let mut samples = 0;
+        for (number, block) in work.blocks().iter().enumerate() {
+            let Some(mut tracer) = Tracer::new(simd, work.canvas.scene, work.fan, block) else { continue };
+            tracer.trace(strip, number * LANES);
+            samples += tracer.samples;
         }
-        if let Some(mut shader) = Shader::new(canvas, fan, detail) {
-            let lines = first * lanes::LANES..(first + blocks.len()) * lanes::LANES;
-            counts.hits += shader.shade(strip, lines);
-        }
-        counts
+        samples
+    }
+}
+
+/// Its pixels; how many of them are ground.
+struct Shade<'a> {
+    work: StripWork<'a>,
+    strip: &'a Strip,
+}
+
+impl Work for Shade<'_> {
+    type Output = u64;
+
+    #[inline(always)]
+    fn run<S: Simd>(self, simd: S) -> u64 {
+        let StripWork { canvas, fan, first, detail } = self.work;
+        let lines = first * LANES..(first + self.work.blocks().len()) * LANES;
+        let Some(mut shader) = Shader::new(simd, canvas, fan, detail) else { return 0 };
+        shader.shade(self.strip, lines)
     }
 }

@@ -1,25 +1,29 @@
-//! Rows of a strip become pixels: place on the ground, footprint, color, some dozens of pixels at a
-//! time.
+//! Rows of a strip become pixels: place on the ground, footprint, color, sixteen pixels at a time.
 
 use super::SweepDetail;
 use super::fan::Fan;
-use super::lanes::{floor, index, larger, smaller};
 use super::strip::{LINES, Strip, StripRow};
-use super::texels::{Slices, TilePaint, WIDE};
+use super::texels::{Points, TilePaint};
 use crate::model::color::ColorLayout;
 use crate::scene::Scene;
 use crate::shade::{Canvas, OPAQUE_BLACK};
-use glam::{Vec2, Vec3};
+use glam::Vec3;
 use std::ops::Range;
+use terravision_common::simd::{LANES, Simd, Sixteen};
 
 /// Two lines are interpolated between, unless their nearness differs by more than this share: then
 /// one lies behind a crest.
 const ONE_SURFACE: f32 = 0.02;
+/// Skylines of two lines are one line, between which is interpolated, if they are no further apart.
+const ONE_SKYLINE_PX: f32 = 8.0;
 /// Nearness of the furthest that is drawn, which keeps numbers finite.
 const LEAST_NEARNESS: f32 = 1e-9;
+/// Numbers of lanes.
+const NUMBERS: Sixteen<f32> = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0];
 
 /// What rows are shaded with.
-pub(super) struct Shader<'a> {
+pub(super) struct Shader<'a, S> {
+    simd: S,
     canvas: &'a Canvas<'a>,
     scene: &'a Scene<'a>,
     fan: &'a Fan,
@@ -34,200 +38,191 @@ pub(super) struct Shader<'a> {
     current: Option<TilePaint<'a>>,
 }
 
-/// Pixels beside each other.
-struct Pixels {
-    /// One over depth, 0 for sky, and its change from row to row.
-    nearness: [f32; WIDE],
-    per_row: [f32; WIDE],
-    depth: [f32; WIDE],
-    /// What texels are chosen by: see [`Slices`].
-    east: [f32; WIDE],
-    north: [f32; WIDE],
-    size: [f32; WIDE],
-    reach_east: [f32; WIDE],
-    reach_north: [f32; WIDE],
-    /// Whether a pixel is ground that has no color yet: then 1.
-    left: [u32; WIDE],
-    color: [u32; WIDE],
+/// Where a row is in its strip.
+struct RowPlace<'a> {
+    row: &'a StripRow,
+    skyline: &'a [f32; LINES + LANES],
+    /// Its middle.
+    middle: f32,
+    /// The last line.
+    last: f32,
+    /// Of its first pixel, and from pixel to pixel, lines.
+    line: f32,
+    per_pixel: f32,
 }
 
-impl Pixels {
-    const SKY: Self = Self {
-        nearness: [0.0; WIDE],
-        per_row: [0.0; WIDE],
-        depth: [0.0; WIDE],
-        east: [0.0; WIDE],
-        north: [0.0; WIDE],
-        size: [0.0; WIDE],
-        reach_east: [0.0; WIDE],
-        reach_north: [0.0; WIDE],
-        left: [0; WIDE],
-        color: [0; WIDE],
-    };
+/// Pixels beside each other: one over depth, 0 for sky, and its change from row to row.
+struct Seen<S: Simd> {
+    nearness: S::Floats,
+    per_row: S::Floats,
 }
 
-impl<'a> Shader<'a> {
-    pub(super) fn new(canvas: &'a Canvas<'a>, fan: &'a Fan, detail: &'a SweepDetail) -> Option<Self> {
+impl<'a, S: Simd> Shader<'a, S> {
+    #[inline(always)]
+    pub(super) fn new(simd: S, canvas: &'a Canvas<'a>, fan: &'a Fan, detail: &'a SweepDetail) -> Option<Self> {
         let scene = canvas.scene;
         let pixel_steps = fan.sector.as_ref()?.pixel_steps();
         let [column, row] = scene.view.steps();
-        let [corner, along, up] = pixel_steps.map(|[x, y]| [x as f32, y as f32]);
-        let by = |[x, y]: [f32; 2]| column * x + row * y;
-        Some(Self {
-            canvas,
-            scene,
-            fan,
-            detail,
-            layout: scene.ground.shape().color,
-            pixel_steps,
-            directions: [scene.view.direction_at(corner[0], corner[1]), by(along), by(up)],
-            current: None,
-        })
+        let direction = |[x, y]: [i32; 2]| column * x as f32 + row * y as f32;
+        let [corner, along, up] = pixel_steps;
+        let directions = [scene.view.direction_at(corner[0] as f32, corner[1] as f32), direction(along), direction(up)];
+        let layout = scene.ground.shape().color;
+        Some(Self { simd, canvas, scene, fan, detail, layout, pixel_steps, directions, current: None })
     }
 
     /// Shades all pixels of the strip of the lines `lines`; how many of them are ground.
     #[inline(always)]
     pub(super) fn shade(&mut self, strip: &Strip, lines: Range<usize>) -> u64 {
         let Some(sector) = self.fan.sector else { return 0 };
-        let mut pixels = Pixels::SKY;
         let mut ground = 0;
         for number in sector.rows[0]..sector.rows[1] {
             let row = self.fan.rows[number as usize];
-            let [from, to] = [lines.start, lines.end].map(|line| row.start(line, sector.lines));
-            let per_pixel = row.lines_per_pixel() as f32;
-            for x in (from..to).step_by(WIDE) {
-                let count = (to - x).min(WIDE as u32) as usize;
-                let line = (row.line_at(x) - lines.start as f64) as f32;
-                pixels.gather(strip.row(number as usize), [line, per_pixel], lines.len());
-                let land = self.place(&mut pixels, [x, number], count);
-                if land > 0 {
-                    self.paint(&mut pixels, count);
-                }
-                self.put([x, number], &pixels.color[..count], &pixels.depth[..count]);
-                ground += land;
+            let [from, to] = [row.start(lines.start, sector.lines), row.start(lines.end, sector.lines)];
+            let first_line = (row.line_at(from) - lines.start as f64) as f32;
+            let mut place = RowPlace {
+                row: strip.row(number as usize),
+                skyline: &strip.skyline,
+                middle: number as f32 + 0.5,
+                last: (lines.len() - 1) as f32,
+                line: first_line,
+                per_pixel: row.lines_per_pixel() as f32,
+            };
+            let mut x = from;
+            while x < to {
+                let count = (to - x).min(LANES as u32) as usize;
+                place.line = first_line + place.per_pixel * (x - from) as f32;
+                ground += self.pixels(&place, [x, number], count);
+                x += LANES as u32;
             }
         }
         ground
     }
 
-    /// Where pixels lie on the ground, and how large they are there; how many see ground.
+    /// Shades pixels beside each other; how many are ground.
     #[inline(always)]
-    fn place(&self, pixels: &mut Pixels, [x, number]: [u32; 2], count: usize) -> u64 {
+    fn pixels(&mut self, place: &RowPlace<'_>, at: [u32; 2], count: usize) -> u64 {
+        let simd = self.simd;
+        let seen = self.seen(place);
+        let within = (1u32 << count) - 1;
+        let land = simd.bits(simd.less(simd.floats(0.0), seen.nearness)) & within;
+        let (mut color, mut depth) = (simd.words(self.canvas.sky), simd.floats(f32::NAN));
+        if land != 0 {
+            let depths = simd.floats(1.0) / simd.larger(seen.nearness, simd.floats(LEAST_NEARNESS));
+            depth = simd.select(simd.mask(land), depths, depth);
+            color = self.paint(&self.points(&seen, depths, at), land);
+        }
+        let mut pixels = [0; LANES];
+        simd.store_joined(color, depth, &mut pixels);
+        self.put(at, &pixels[..count]);
+        u64::from(land.count_ones())
+    }
+
+    /// What is seen, out of the lines of a strip.
+    #[inline(always)]
+    fn seen(&self, place: &RowPlace<'_>) -> Seen<S> {
+        let simd = self.simd;
+        let line = simd.floats(place.line) + simd.floats(place.per_pixel) * simd.load(&NUMBERS);
+        let line = simd.smaller(simd.larger(line, simd.floats(0.0)), simd.floats(place.last));
+        let whole = simd.smaller(simd.floor(line), simd.floats(place.last - 1.0));
+        let share = line - whole;
+        let at = simd.index(whole);
+        let [here, next] = self.lines(place, &place.row.nearness, at);
+        let [per_row_here, per_row_next] = self.lines(place, &place.row.per_row, at);
+        let is_here = simd.less(share, simd.floats(0.5));
+        let nearest = simd.select(is_here, here, next);
+        let by = next - here;
+        let is_one = simd.less(simd.magnitude(by), nearest * simd.floats(ONE_SURFACE));
+        let mut seen = Seen {
+            nearness: simd.select(is_one, here + share * by, nearest),
+            per_row: simd.select(is_here, per_row_here, per_row_next),
+        };
+        let is_edge = simd.at_most(simd.smaller(here, next), simd.floats(0.0))
+            & simd.less(simd.floats(0.0), simd.larger(here, next));
+        if simd.any(is_edge) {
+            let [skyline, skyline_next] = self.lines(place, place.skyline, at);
+            let rise = skyline_next - skyline;
+            let is_line = is_edge & simd.less(simd.magnitude(rise), simd.floats(ONE_SKYLINE_PX));
+            let is_ground = simd.less(simd.floats(place.middle), skyline + share * rise);
+            let ground = simd.select(is_ground, simd.larger(here, next), simd.floats(0.0));
+            let is_ground_here = simd.less(next, here);
+            seen.nearness = simd.select(is_line, ground, seen.nearness);
+            seen.per_row = simd.select(is_line, simd.select(is_ground_here, per_row_here, per_row_next), seen.per_row);
+        }
+        seen
+    }
+
+    /// Numbers of two neighboring lines each, of which `at` are the first.
+    #[inline(always)]
+    fn lines(&self, place: &RowPlace<'_>, of: &[f32; LINES + LANES], at: S::Words) -> [S::Floats; 2] {
+        let simd = self.simd;
+        // Sixteen pixels mostly see no more lines than that.
+        if place.per_pixel <= 1.0 && place.per_pixel >= 0.0 {
+            let first = place.line.max(0.0).min(place.last - 1.0) as usize;
+            if let Some(near) = of.get(first..).and_then(|of| of.first_chunk()) {
+                return simd.near_pairs(near, at - simd.words(first as u32));
+            }
+        }
+        simd.pairs(of, at)
+    }
+
+    /// Where pixels lie on the ground, and how large they are there.
+    #[inline(always)]
+    fn points(&self, seen: &Seen<S>, depth: S::Floats, [x, number]: [u32; 2]) -> Points<S> {
+        let simd = self.simd;
         let [corner, along, up] = self.directions;
         let first = corner + along * x as f32 + up * number as f32;
-        let per_focal = 1.0 / self.scene.view.focal_px();
-        let [share_along, share_across] = [self.detail.footprint_along, self.detail.footprint_across];
-        let mut land = 0u32;
-        for k in 0..WIDE {
-            let at = k as i32 as f32;
-            let (dx, dy) = (first.x + at * along.x, first.y + at * along.y);
-            let nearness = pixels.nearness[k];
-            let is_land = (nearness > 0.0) & ((k as u32) < count as u32);
-            let depth = 1.0 / larger(nearness, LEAST_NEARNESS);
-            pixels.depth[k] = if is_land { depth } else { f32::NAN };
-            pixels.left[k] = u32::from(is_land);
-            land = land.wrapping_add(u32::from(is_land));
-            pixels.color[k] = self.canvas.sky;
-            pixels.east[k] = dx * depth;
-            pixels.north[k] = dy * depth;
-            // From row to row depth changes by so much, and the ground's place along the line of
-            // sight with it.
-            let by = pixels.per_row[k] * depth * depth * share_along;
-            let length = (by * by * (dx * dx + dy * dy)).sqrt();
-            pixels.size[k] = larger(length, share_across * per_focal * depth);
-            pixels.reach_east[k] = 0.5 * by * dx;
-            pixels.reach_north[k] = 0.5 * by * dy;
-        }
-        u64::from(land)
-    }
-
-    /// Colors pixels, tile by tile.
-    #[inline(always)]
-    fn paint(&mut self, pixels: &mut Pixels, count: usize) {
-        let mut painted = [0; WIDE];
-        let mut is_mine = [0; WIDE];
-        let mut begin = 0;
-        while let Some(first) = (begin..count).find(|k| pixels.left[*k] != 0) {
-            let point = Vec2::new(pixels.east[first], pixels.north[first]);
-            let is_over = self.current.as_ref().is_some_and(|current| current.holds(point));
-            if !is_over && let Some(tile) = self.scene.tile_at_point(point) {
-                self.current = Some(TilePaint::new(self.canvas, tile, self.layout));
-            }
-            begin = first;
-            let Some(current) = &self.current else {
-                pixels.color[first] = OPAQUE_BLACK;
-                pixels.left[first] = 0;
-                continue;
-            };
-            let mut end = 0;
-            for (k, is_mine) in is_mine.iter_mut().enumerate() {
-                let is_over = current.holds(Vec2::new(pixels.east[k], pixels.north[k]));
-                *is_mine = pixels.left[k] & u32::from(is_over | (k == first));
-                let behind = (k as u32).wrapping_add(1) & 0u32.wrapping_sub(*is_mine);
-                end = if behind > end { behind } else { end };
-            }
-            let range = first..end as usize;
-            let slices = Slices {
-                east: &pixels.east[range.clone()],
-                north: &pixels.north[range.clone()],
-                size: &pixels.size[range.clone()],
-                reach_east: &pixels.reach_east[range.clone()],
-                reach_north: &pixels.reach_north[range.clone()],
-            };
-            current.paint(&slices, self.detail.has_two_taps, &mut painted[range]);
-            for (k, is_mine) in is_mine.iter().enumerate() {
-                pixels.color[k] = if *is_mine != 0 { painted[k] } else { pixels.color[k] };
-                pixels.left[k] &= !is_mine;
-            }
+        let number = simd.load(&NUMBERS);
+        let dx = simd.floats(first.x) + simd.floats(along.x) * number;
+        let dy = simd.floats(first.y) + simd.floats(along.y) * number;
+        // From row to row depth changes by this much, and the ground's place along the line of
+        // sight with it.
+        let by = seen.per_row * depth * depth * simd.floats(self.detail.footprint_along);
+        let across = simd.floats(self.detail.footprint_across / self.scene.view.focal_px()) * depth;
+        let half = simd.floats(0.5) * by;
+        Points {
+            east: dx * depth,
+            north: dy * depth,
+            squared_m: simd.larger(by * by * (dx * dx + dy * dy), across * across),
+            reach_east: half * dx,
+            reach_north: half * dy,
         }
     }
 
+    /// Colors of the pixels of `land`, tile by tile; of others that of the sky.
     #[inline(always)]
-    fn put(&self, [x, number]: [u32; 2], colors: &[u32], depths: &[f32]) {
+    fn paint(&mut self, points: &Points<S>, land: u32) -> S::Words {
+        let simd = self.simd;
+        let mut left = land;
+        let mut color = simd.words(self.canvas.sky);
+        while left != 0 {
+            let first = left & left.wrapping_neg();
+            let mut mine = match &self.current {
+                Some(current) => left & current.holds(simd, points),
+                None => 0,
+            };
+            if mine & first == 0 {
+                mine = first;
+                let point = points.point(simd, first.trailing_zeros() as usize);
+                if let Some(tile) = self.scene.tile_at_point(point) {
+                    let current = TilePaint::new(self.canvas, tile, self.layout);
+                    mine |= left & current.holds(simd, points);
+                    self.current = Some(current);
+                }
+            }
+            let painted = match &self.current {
+                Some(current) => current.paint(simd, points, self.detail.has_two_taps),
+                None => simd.words(OPAQUE_BLACK),
+            };
+            color = simd.select_words(simd.mask(mine), painted, color);
+            left &= !mine;
+        }
+        color
+    }
+
+    #[inline(always)]
+    fn put(&self, [x, number]: [u32; 2], pixels: &[u64]) {
         let [corner, along, up] = self.pixel_steps;
-        let place =
-            |x: u32| [0, 1].map(|axis| (corner[axis] + along[axis] * x as i32 + up[axis] * number as i32) as u32);
-        if along == [1, 0] {
-            self.canvas.picture.put_pairs(place(x), colors, depths);
-            return;
-        }
-        for ((color, depth), x) in colors.iter().zip(depths).zip(x..) {
-            self.canvas.picture.put(place(x), *color, *depth);
-        }
-    }
-}
-
-impl Pixels {
-    /// Takes nearness and its change from row to row from the lines of a strip: `line` passes the
-    /// middle of the first pixel.
-    #[inline(always)]
-    fn gather(&mut self, row: &StripRow, [line, per_pixel]: [f32; 2], lines: usize) {
-        let (mut share, mut at) = ([0.0; WIDE], [0; WIDE]);
-        let last = (lines - 1) as f32;
-        for k in 0..WIDE {
-            let place = smaller(larger(line + per_pixel * (k as i32 as f32), 0.0), last);
-            let whole = floor(place);
-            share[k] = place - whole;
-            at[k] = index(whole);
-        }
-        let (mut here, mut next) = ([[0.0; WIDE]; 2], [[0.0; WIDE]; 2]);
-        for k in 0..WIDE {
-            let n = at[k] as usize % LINES;
-            // The last line of a strip has none behind it, and no share of it.
-            let m = n.wrapping_add(1) % LINES;
-            here[0][k] = row.nearness[n];
-            here[1][k] = row.per_row[n];
-            next[0][k] = row.nearness[m];
-            next[1][k] = row.per_row[m];
-        }
-        for k in 0..WIDE {
-            let (a, b) = (here[0][k], next[0][k]);
-            let is_here = share[k] < 0.5;
-            let nearest = if is_here { a } else { b };
-            let by = b - a;
-            let is_one = by.abs() < nearest * ONE_SURFACE;
-            self.nearness[k] = if is_one { a + share[k] * by } else { nearest };
-            self.per_row[k] = if is_here { here[1][k] } else { next[1][k] };
-        }
+        let place = [0, 1].map(|axis| corner[axis] + along[axis] * x as i32 + up[axis] * number as i32);
+        self.canvas.picture.put_along(place.map(|at| at as u32), along, pixels);
     }
 }

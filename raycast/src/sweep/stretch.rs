@@ -1,8 +1,8 @@
 //! Stretches of ground between two steps, from the planes to rows of the picture.
 
-use super::lanes::{Floats, LANES, floor, larger, largest, smaller, smallest};
-use super::strip::Strip;
+use super::strip::{Rows, Strip};
 use super::trace::{NO_SLOPE, Points, State, Tracer};
+use terravision_common::simd::{LANES, Simd, Sixteen};
 
 /// Rows between two points are at least this, when one is divided by them.
 pub(super) const LEAST_ROWS: f32 = 1e-6;
@@ -13,83 +13,132 @@ const FURTHEST_PX: f32 = 1e5;
 const LEAST_DEPTH: f32 = 1e-3;
 
 /// Straight ground between two steps, in the picture: rows of its ends, and one over their depth.
-#[derive(Debug, Default)]
-struct Stretch {
-    row_before: Floats,
-    seen_before: Floats,
-    row: Floats,
-    seen: Floats,
+#[derive(Clone, Copy)]
+struct Stretch<S: Simd> {
+    row_before: S::Floats,
+    seen_before: S::Floats,
+    row: S::Floats,
+    seen: S::Floats,
 }
 
-impl Tracer<'_> {
-    /// Fills the rows that planes see between their last points and these.
+/// A point in the picture: its row, one over its depth, and whether it lies beside or behind the
+/// camera.
+pub(super) struct Place<S: Simd> {
+    pub(super) row: S::Floats,
+    seen: S::Floats,
+    is_far: S::Mask,
+}
+
+impl<S: Simd> Tracer<'_, S> {
+    /// Fills the rows that planes see between their last points and these. `seen`: which of these
+    /// points are.
     #[inline(always)]
-    pub(super) fn fill<const IS_UP: bool>(&self, state: &mut State, points: &Points, strip: &mut Strip, first: usize) {
-        let mut stretch = Stretch::default();
-        let (last, block) = (&state.last, self.block);
-        let mut before = [0.0; LANES];
-        let mut nearness_before = [0.0; LANES];
-        let mut is_seen = [false; LANES];
-        let mut far = 0u32;
-        for k in 0..LANES {
-            let (slope, horizon) = (points.slope[k], state.horizon[k]);
-            is_seen[k] = if IS_UP { slope > horizon } else { (slope < horizon) & (slope > NO_SLOPE) };
-            // Behind a gap the ground begins with a wall.
-            let is_gap = last.slope[k] == NO_SLOPE;
-            before[k] = if is_gap { horizon } else { last.slope[k] };
-            nearness_before[k] = if is_gap { points.nearness[k] } else { last.nearness[k] };
-            let place = |slope: f32, nearness: f32| {
-                let depth = block.depth[k] + slope * self.per_slope[1];
-                let height = (block.rise[k] + slope * self.per_slope[0]) * self.focal_px;
-                let is_far = depth * FURTHEST_PX < height.abs();
-                let per_depth = 1.0 / depth;
-                (height * per_depth + self.middle, nearness * per_depth, is_far)
-            };
-            let is_far;
-            let is_far_before;
-            (stretch.row[k], stretch.seen[k], is_far) = place(slope, points.nearness[k]);
-            (stretch.row_before[k], stretch.seen_before[k], is_far_before) = place(before[k], nearness_before[k]);
-            far |= u32::from(is_seen[k] & (is_far | is_far_before));
+    pub(super) fn fill<const IS_UP: bool>(
+        &self,
+        state: &mut State<S>,
+        points: &Points<S>,
+        seen: S::Mask,
+        strip: &mut Strip,
+        first: usize,
+    ) {
+        let simd = self.simd;
+        let stretch = self.stretch(state, points, seen);
+        let by = stretch.row - stretch.row_before;
+        let by =
+            if IS_UP { simd.larger(by, simd.floats(LEAST_ROWS)) } else { simd.smaller(by, simd.floats(-LEAST_ROWS)) };
+        let per_row = (stretch.seen - stretch.seen_before) / by;
+        let half = simd.floats(0.5);
+        let base = stretch.seen_before + (half - stretch.row_before) * per_row;
+        let [lowest, highest] = [simd.floats(self.rows[0]), simd.floats(self.rows[1])];
+        let end = simd.floor(simd.smaller(simd.larger(stretch.row + half, lowest), highest));
+        let [from, to] = if IS_UP { [state.next, end] } else { [end, state.next] };
+        let filled = seen & simd.less(from, to);
+        if simd.any(filled) {
+            // Of planes that see nothing there are no rows.
+            let low = simd.select(filled, from, simd.floats(f32::INFINITY));
+            let high = simd.select(filled, to, simd.floats(f32::NEG_INFINITY));
+            strip.fill(simd, first, &Rows { low, high, base, per_row });
+            state.next = simd.select(filled, end, state.next);
         }
-        if far != 0 {
-            self.clip(&mut stretch, [&before, &points.slope], [&nearness_before, &points.nearness]);
+        state.horizon = simd.select(seen, points.slope, state.horizon);
+    }
+
+    /// Between the last points and these.
+    #[inline(always)]
+    fn stretch(&self, state: &State<S>, points: &Points<S>, seen: S::Mask) -> Stretch<S> {
+        let (simd, last) = (self.simd, &state.last);
+        // Behind a gap the ground begins with a wall.
+        let is_gap = simd.at_most(last.slope, simd.floats(NO_SLOPE));
+        let before = Points {
+            slope: simd.select(is_gap, state.horizon, last.slope),
+            rise: last.rise,
+            nearness: simd.select(is_gap, points.nearness, last.nearness),
+        };
+        let (end, begin) = (self.place(points), self.place(&before));
+        let stretch = Stretch { row_before: begin.row, seen_before: begin.seen, row: end.row, seen: end.seen };
+        if simd.any(seen & (end.is_far | begin.is_far)) {
+            return self.clip(stretch, &before, points);
         }
-        let (mut base, mut per_row) = ([0.0; LANES], [0.0; LANES]);
-        // Rows from `low` to `high` are filled; of planes that see nothing there are none.
-        let (mut low, mut high) = ([0.0; LANES], [0.0; LANES]);
-        for k in 0..LANES {
-            let by = stretch.row[k] - stretch.row_before[k];
-            let by = if IS_UP { larger(by, LEAST_ROWS) } else { smaller(by, -LEAST_ROWS) };
-            per_row[k] = (stretch.seen[k] - stretch.seen_before[k]) / by;
-            base[k] = stretch.seen_before[k] + (0.5 - stretch.row_before[k]) * per_row[k];
-            let end = floor(smaller(larger(stretch.row[k] + 0.5, self.rows[0]), self.rows[1]));
-            let next = state.next[k];
-            let [from, to] = if IS_UP { [next, end] } else { [end, next] };
-            let is_filled = is_seen[k] & (from < to);
-            low[k] = if is_filled { from } else { f32::INFINITY };
-            high[k] = if is_filled { to } else { f32::NEG_INFINITY };
-            state.next[k] = if is_filled { end } else { next };
-            state.horizon[k] = if is_seen[k] { points.slope[k] } else { state.horizon[k] };
-        }
-        let (from, to) = (smallest(&low), largest(&high));
-        if from < to {
-            strip.fill(first, [from as usize, to as usize], [&low, &high], [&base, &per_row]);
+        stretch
+    }
+
+    /// Where points are in the picture.
+    #[inline(always)]
+    pub(super) fn place(&self, points: &Points<S>) -> Place<S> {
+        let (simd, block) = (self.simd, self.block);
+        let [per_height, per_depth] = self.per_slope.map(|per| simd.floats(per));
+        let depth = simd.load(&block.depth) + points.slope * per_depth;
+        let height = (simd.load(&block.rise) + points.slope * per_height) * simd.floats(self.focal_px);
+        let per_depth = simd.floats(1.0) / depth;
+        Place {
+            row: height * per_depth + simd.floats(self.middle),
+            seen: points.nearness * per_depth,
+            is_far: simd.less(depth * simd.floats(FURTHEST_PX), simd.magnitude(height)),
         }
     }
 
     /// Cuts stretches off that go on beside or behind the camera.
+    #[inline(always)]
+    fn clip(&self, stretch: Stretch<S>, before: &Points<S>, points: &Points<S>) -> Stretch<S> {
+        let simd = self.simd;
+        let mut ends = [[0.0; LANES]; 4];
+        let [row_before, seen_before, row, seen] = &mut ends;
+        simd.store(stretch.row_before, row_before);
+        simd.store(stretch.seen_before, seen_before);
+        simd.store(stretch.row, row);
+        simd.store(stretch.seen, seen);
+        let mut sides = [[0.0; LANES]; 4];
+        let [slope_before, slope, nearness_before, nearness] = &mut sides;
+        simd.store(before.slope, slope_before);
+        simd.store(points.slope, slope);
+        simd.store(before.nearness, nearness_before);
+        simd.store(points.nearness, nearness);
+        self.clip_each(&mut ends, &sides);
+        let [row_before, seen_before, row, seen] = &ends;
+        Stretch {
+            row_before: simd.load(row_before),
+            seen_before: simd.load(seen_before),
+            row: simd.load(row),
+            seen: simd.load(seen),
+        }
+    }
+
+    /// The same, plane by plane. `ends`: rows and nearness before and here; `points`: slopes before
+    /// and here, and one over distances.
     #[inline(never)]
-    fn clip(&self, stretch: &mut Stretch, slopes: [&Floats; 2], nearness: [&Floats; 2]) {
+    fn clip_each(&self, ends: &mut [Sixteen<f32>; 4], points: &[Sixteen<f32>; 4]) {
         let block = self.block;
+        let [row_before, seen_before, row, seen] = ends;
+        let (slopes, nearness) = (&points[..2], &points[2..]);
         for k in 0..LANES {
             // Height and depth of both ends, metres.
-            let ends = [0, 1].map(|end| {
+            let sides = [0, 1].map(|end| {
                 let (slope, distance) = (slopes[end][k], 1.0 / nearness[end][k]);
                 let height = (block.rise[k] + slope * self.per_slope[0]) * self.focal_px;
                 let depth = block.depth[k] + slope * self.per_slope[1];
                 (height * distance, depth * distance, depth * FURTHEST_PX < height.abs())
             });
-            let [(height_before, depth_before, is_far_before), (height, depth, is_far)] = ends;
+            let [(height_before, depth_before, is_far_before), (height, depth, is_far)] = sides;
             // Where the stretch is a small share of the nearer end's depth away from the camera's
             // plane.
             let cut = |height: f32, depth: f32, other: f32, other_depth: f32| {
@@ -100,15 +149,15 @@ impl Tracer<'_> {
             match (is_far_before, is_far) {
                 (false, false) => {}
                 (false, true) if depth < depth_before * LEAST_DEPTH => {
-                    [stretch.row[k], stretch.seen[k]] = cut(height_before, depth_before, height, depth);
+                    [row[k], seen[k]] = cut(height_before, depth_before, height, depth);
                 }
                 (true, false) if depth_before < depth * LEAST_DEPTH => {
-                    [stretch.row_before[k], stretch.seen_before[k]] = cut(height, depth, height_before, depth_before);
+                    [row_before[k], seen_before[k]] = cut(height, depth, height_before, depth_before);
                 }
                 // Both ends are beside the picture: as if each were on its edge.
                 _ => {
-                    [stretch.row_before[k], stretch.seen_before[k]] = self.seen(k, slopes[0][k], nearness[0][k]);
-                    [stretch.row[k], stretch.seen[k]] = self.seen(k, slopes[1][k], nearness[1][k]);
+                    [row_before[k], seen_before[k]] = self.seen(k, slopes[0][k], nearness[0][k]);
+                    [row[k], seen[k]] = self.seen(k, slopes[1][k], nearness[1][k]);
                 }
             }
         }

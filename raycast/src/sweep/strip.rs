@@ -1,29 +1,47 @@
 //! A strip: neighboring lines between their sweep and their shading. One per worker, used again.
 
-use super::lanes::{Floats, LANES};
+use terravision_common::simd::{LANES, Simd};
 
 /// Lines of a strip: eight blocks. What it has of a picture of 720 rows fits into a core's second
 /// cache.
 pub(super) const LINES: usize = 8 * LANES;
 
 /// One over depth at the middle of a row, 0 for sky, and its change from row to row, of each line.
+/// Behind the last line there is room to be read, not looked at.
 #[derive(Debug, Clone)]
 pub(super) struct StripRow {
-    pub(super) nearness: [f32; LINES],
-    pub(super) per_row: [f32; LINES],
+    pub(super) nearness: [f32; LINES + LANES],
+    pub(super) per_row: [f32; LINES + LANES],
+}
+
+/// Rows of sixteen lines: of each from its `low` row up to before its `high` one, in which it sees
+/// `base + row·per_row`.
+pub(super) struct Rows<S: Simd> {
+    pub(super) low: S::Floats,
+    pub(super) high: S::Floats,
+    pub(super) base: S::Floats,
+    pub(super) per_row: S::Floats,
 }
 
 /// The rows of neighboring lines, from the bottom.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Strip {
     rows: Vec<StripRow>,
+    /// Where the ground of each line ends and the sky begins: rows, not whole ones.
+    pub(super) skyline: [f32; LINES + LANES],
+}
+
+impl Default for Strip {
+    fn default() -> Self {
+        Self { rows: Vec::new(), skyline: [0.0; LINES + LANES] }
+    }
 }
 
 impl Strip {
     /// Takes memory for this many rows, if it is not there.
     pub(super) fn reserve(&mut self, rows: usize) {
         if self.rows.len() < rows {
-            self.rows.resize(rows, StripRow { nearness: [0.0; LINES], per_row: [0.0; LINES] });
+            self.rows.resize(rows, StripRow { nearness: [0.0; LINES + LANES], per_row: [0.0; LINES + LANES] });
         }
     }
 
@@ -39,41 +57,33 @@ impl Strip {
         }
     }
 
-    /// Fills rows of sixteen lines: of each from its `low` row up to before its `high` one, `base +
-    /// row·per_row`.
+    /// Fills rows of sixteen lines, which are those from `first` on.
     #[inline(always)]
-    pub(super) fn fill(
-        &mut self,
-        first: usize,
-        [from, to]: [usize; 2],
-        [low, high]: [&Floats; 2],
-        [base, per_row]: [&Floats; 2],
-    ) {
+    pub(super) fn fill<S: Simd>(&mut self, simd: S, first: usize, lines: &Rows<S>) {
+        let (from, to) = (simd.smallest(lines.low) as usize, simd.largest(lines.high) as usize);
         let Some(rows) = self.rows.get_mut(from..to) else { return };
         for (row, number) in rows.iter_mut().zip(from..) {
-            let number = number as f32;
-            let (Some(nearness), Some(slopes)) = (
-                row.nearness.get_mut(first..first + LANES).and_then(|row| row.first_chunk_mut::<LANES>()),
-                row.per_row.get_mut(first..first + LANES).and_then(|row| row.first_chunk_mut::<LANES>()),
+            let number = simd.floats(number as f32);
+            let (Some((nearness, _)), Some((per_row, _))) = (
+                row.nearness.get_mut(first..).and_then(|row| row.split_first_chunk_mut::<LANES>()),
+                row.per_row.get_mut(first..).and_then(|row| row.split_first_chunk_mut::<LANES>()),
             ) else {
                 return;
             };
-            for k in 0..LANES {
-                let is_filled = (low[k] <= number) & (number < high[k]);
-                nearness[k] = if is_filled { base[k] + number * per_row[k] } else { nearness[k] };
-                slopes[k] = if is_filled { per_row[k] } else { slopes[k] };
-            }
+            let filled = simd.at_most(lines.low, number) & simd.less(number, lines.high);
+            simd.store_where(filled, lines.base + number * lines.per_row, nearness);
+            simd.store_where(filled, lines.per_row, per_row);
         }
     }
 
-    /// The rows of sixteen lines from `next` on are sky.
+    /// The rows of sixteen lines from `next` on are sky, which begins at the rows `skyline`.
     #[inline(always)]
-    pub(super) fn put_sky(&mut self, first: usize, next: &Floats, rows: [f32; 2]) {
-        self.fill(
-            first,
-            [super::lanes::smallest(next) as usize, rows[1] as usize],
-            [next, &[f32::INFINITY; LANES]],
-            [&[0.0; LANES]; 2],
-        );
+    pub(super) fn put_sky<S: Simd>(&mut self, simd: S, first: usize, [next, skyline]: [S::Floats; 2], rows: [f32; 2]) {
+        if let Some((lines, _)) = self.skyline.get_mut(first..).and_then(|lines| lines.split_first_chunk_mut::<LANES>())
+        {
+            simd.store(skyline, lines);
+        }
+        let zero = simd.floats(0.0);
+        self.fill(simd, first, &Rows { low: next, high: simd.floats(rows[1]), base: zero, per_row: zero });
     }
 }

@@ -1,4 +1,3 @@
-use super::lanes::{floor, index};
 use super::sector::{Row, Sector};
 use super::strip::LINES;
 use proptest::prelude::*;
@@ -49,13 +48,6 @@ fn a_level_picture_is_one_sector_and_one_that_looks_down_is_four() {
         count
     };
     assert_eq!([[10.0, 0.0, 0.0], [0.0, 0.0, 90.0], [30.0, -90.0, 12.0], [0.0, 90.0, 0.0]].map(sectors), [1, 1, 4, 4]);
-}
-
-#[test]
-fn whole_parts_are_those_of_integers() {
-    for x in [0.0f32, 0.2, 0.5, 0.99999994, 1.0, 1.5, 2.5, 1000.25, 70001.0] {
-        assert_eq!((floor(x), index(floor(x))), (x.trunc(), x as u32));
-    }
 }
 
 proptest! {

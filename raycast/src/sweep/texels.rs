@@ -1,32 +1,37 @@
 //! Colors of pixels that lie over one tile, out of its layer of the pool, in place.
-//!
-//! Whole numbers wrap around in kernels: a check for each would keep compilers from making vectors
-//! of them.
 
-use super::lanes::{index, larger, smaller};
 use crate::model::color::ColorLayout;
 use crate::shade::{Canvas, OPAQUE_BLACK};
 use glam::Vec2;
+use terravision_common::simd::{LANES, Simd};
 
 /// Two channels of a texel.
 const TWO: u32 = 0x00ff_00ff;
 /// Taps are at most this many texels from the middle.
 const FURTHEST_TAP: f32 = 4.0;
-
-/// Pixels that are shaded together.
-pub(super) const WIDE: usize = 64;
 /// What a number that three divides is multiplied with to divide it by three, of 32 bits.
 const THIRD: u32 = 0xaaaa_aaab;
 
-/// Pixels beside each other: of each its place, metres from the eye, how wide its texels may be,
-/// metres, and from its middle to its second tap, metres east and north; the first one is on the
-/// other side.
-pub(super) struct Slices<'a> {
-    pub(super) east: &'a [f32],
-    pub(super) north: &'a [f32],
-    pub(super) size: &'a [f32],
-    pub(super) reach_east: &'a [f32],
-    pub(super) reach_north: &'a [f32],
+/// Pixels beside each other: of each its place, metres from the eye, the square of how wide its
+/// texels may be, metres, and from its middle to its second tap, metres east and north; the first
+/// one is on the other side.
+pub(super) struct Points<S: Simd> {
+    pub(super) east: S::Floats,
+    pub(super) north: S::Floats,
+    pub(super) squared_m: S::Floats,
+    pub(super) reach_east: S::Floats,
+    pub(super) reach_north: S::Floats,
+}
+
+impl<S: Simd> Points<S> {
+    /// The place of one.
+    #[inline(always)]
+    pub(super) fn point(&self, simd: S, lane: usize) -> Vec2 {
+        let (mut east, mut north) = ([0.0; LANES], [0.0; LANES]);
+        simd.store(self.east, &mut east);
+        simd.store(self.north, &mut north);
+        Vec2::new(east[lane % LANES], north[lane % LANES])
+    }
 }
 
 /// A tile's colors, as pixels use them.
@@ -37,13 +42,22 @@ pub(super) struct TilePaint<'a> {
     side: u32,
     texels: u32,
     /// The coarsest mip that is used.
-    coarsest: i32,
+    coarsest: u32,
     /// North west corner of the layer, metres from the eye.
     corner: Vec2,
     per_m: f32,
     /// The tile's rectangle, metres from the eye.
     min: Vec2,
     max: Vec2,
+}
+
+/// Texels of a mip for each pixel.
+struct Mip<S: Simd> {
+    /// Texels along a side, and those of all finer mips.
+    side: S::Words,
+    before: S::Words,
+    /// The last place between texels.
+    end: S::Floats,
 }
 
 impl<'a> TilePaint<'a> {
@@ -59,7 +73,7 @@ impl<'a> TilePaint<'a> {
             layer: canvas.layer(tile),
             side: layout.side,
             texels: layout.side.wrapping_mul(layout.side),
-            coarsest: coarsest as i32,
+            coarsest,
             corner: placed.color_corner,
             per_m: placed.texels_per_m,
             min,
@@ -67,101 +81,81 @@ impl<'a> TilePaint<'a> {
         }
     }
 
-    /// Whether a point, metres from the eye, lies over the tile.
+    /// Which pixels lie over the tile: a bit of each.
     #[inline(always)]
-    pub(super) fn holds(&self, point: Vec2) -> bool {
-        (point.x >= self.min.x) & (point.x <= self.max.x) & (point.y >= self.min.y) & (point.y <= self.max.y)
+    pub(super) fn holds<S: Simd>(&self, simd: S, points: &Points<S>) -> u32 {
+        let (east, north) = (points.east, points.north);
+        let above = simd.at_most(simd.floats(self.min.x), east) & simd.at_most(simd.floats(self.min.y), north);
+        let below = simd.at_most(east, simd.floats(self.max.x)) & simd.at_most(north, simd.floats(self.max.y));
+        simd.bits(above & below)
     }
 
-    /// Colors of pixels beside each other, as many as `out` has.
+    /// Colors of pixels.
     #[inline(always)]
-    pub(super) fn paint(&self, pixels: &Slices<'_>, has_two_taps: bool, out: &mut [u32]) {
-        let count = out.len();
-        let (mut level, mut scale) = ([0; WIDE], [0.0; WIDE]);
-        let (mut u, mut v) = ([0.0; WIDE], [0.0; WIDE]);
-        {
-            let (level, scale, u, v) = (&mut level[..count], &mut scale[..count], &mut u[..count], &mut v[..count]);
-            let (east, north, size) = (&pixels.east[..count], &pixels.north[..count], &pixels.size[..count]);
-            for k in 0..count {
-                // log2, rounded.
-                let texels = larger(size[k] * self.per_m, 1.0) * std::f32::consts::SQRT_2;
-                let rounded = ((texels.to_bits() >> 23) as i32).wrapping_sub(127);
-                let rounded = if rounded < self.coarsest { rounded } else { self.coarsest };
-                level[k] = rounded as u32;
-                scale[k] = self.per_m * f32::from_bits((127i32.wrapping_sub(rounded) << 23) as u32);
-                u[k] = (east[k] - self.corner.x) * scale[k] - 0.5;
-                v[k] = (self.corner.y - north[k]) * scale[k] - 0.5;
-            }
-        }
+    pub(super) fn paint<S: Simd>(&self, simd: S, points: &Points<S>, has_two_taps: bool) -> S::Words {
+        let per_m = simd.floats(self.per_m);
+        // log2 of the width, rounded: half of that of the square.
+        let doubled = simd.larger(simd.floats(2.0) * points.squared_m * per_m * per_m, simd.floats(1.0));
+        let octaves = simd.shift_right::<23>(simd.to_bits(doubled)) - simd.words(127);
+        let level = simd.smaller_words(simd.shift_right::<1>(octaves), simd.words(self.coarsest));
+        let share = simd.to_floats(simd.shift_left::<23>(simd.words(127) - level));
+        let scale = per_m * share;
+        let half = simd.floats(0.5);
+        let u = (points.east - simd.floats(self.corner.x)) * scale - half;
+        let v = (simd.floats(self.corner.y) - points.north) * scale - half;
+        // Sides are halved exactly: texels of the finer mips are a geometric series.
+        let side = simd.shift_right_by(simd.words(self.side), level);
+        let mip = Mip {
+            side,
+            before: (simd.words(self.texels) - side * side) * simd.words(THIRD.wrapping_mul(4)),
+            end: simd.floats(self.side as f32) * share - simd.floats(1.0 + 1.0 / 256.0),
+        };
         if !has_two_taps {
-            return self.tap(&u[..count], &v[..count], &level[..count], out);
+            return self.tap(simd, &mip, [u, v]);
         }
-        let (mut x, mut y) = ([0.0; WIDE], [0.0; WIDE]);
-        let mut other = [0; WIDE];
-        for (sign, is_first) in [(1.0f32, true), (-1.0, false)] {
-            let (x, y, u, v) = (&mut x[..count], &mut y[..count], &u[..count], &v[..count]);
-            let (east, north, scale) = (&pixels.reach_east[..count], &pixels.reach_north[..count], &scale[..count]);
-            for k in 0..count {
-                let within = |by: f32| smaller(larger(by * sign, -FURTHEST_TAP), FURTHEST_TAP);
-                x[k] = u[k] + within(east[k] * scale[k]);
-                y[k] = v[k] - within(north[k] * scale[k]);
-            }
-            let into = if is_first { &mut other[..count] } else { &mut *out };
-            self.tap(x, y, &level[..count], into);
-        }
-        for (out, other) in out.iter_mut().zip(&other) {
-            *out = (*out & other).wrapping_add(((*out ^ other) >> 1) & 0x7f7f_7f7f);
-        }
+        let furthest = simd.floats(FURTHEST_TAP);
+        let near = simd.floats(-FURTHEST_TAP);
+        let x = simd.smaller(simd.larger(points.reach_east * scale, near), furthest);
+        let y = simd.smaller(simd.larger(points.reach_north * scale, near), furthest);
+        let (a, b) = (self.tap(simd, &mip, [u + x, v - y]), self.tap(simd, &mip, [u - x, v + y]));
+        // The mean of each channel, rounded down.
+        let differ = (a | b) - (a & b);
+        (a & b) + (simd.shift_right::<1>(differ) & simd.words(0x7f7f_7f7f))
     }
 
     /// Colors between four texels of mips.
     #[inline(always)]
-    fn tap(&self, u: &[f32], v: &[f32], level: &[u32], out: &mut [u32]) {
-        let count = out.len();
-        let (mut east, mut south) = ([0; WIDE], [0; WIDE]);
-        let (mut at, mut stride) = ([0; WIDE], [0; WIDE]);
-        {
-            let (u, v, level) = (&u[..count], &v[..count], &level[..count]);
-            let (east, south) = (&mut east[..count], &mut south[..count]);
-            let (at, stride) = (&mut at[..count], &mut stride[..count]);
-            for k in 0..count {
-                let side = self.side.wrapping_shr(level[k]);
-                // Sides are halved exactly: texels of the finer mips are a geometric series.
-                let before = self.texels.wrapping_sub(side.wrapping_mul(side)).wrapping_mul(4).wrapping_mul(THIRD);
-                let end = side as i32 as f32 - (1.0 + 1.0 / 256.0);
-                // Columns and rows in 256ths.
-                let i = index(smaller(larger(u[k], 0.0), end) * 256.0);
-                let j = index(smaller(larger(v[k], 0.0), end) * 256.0);
-                east[k] = i & 0xff;
-                south[k] = j & 0xff;
-                at[k] = before.wrapping_add((j >> 8).wrapping_mul(side)).wrapping_add(i >> 8) << 2;
-                stride[k] = side << 2;
-            }
-        }
-        let mut texels = [[0; WIDE]; 4];
-        for k in 0..count {
-            let upper = at[k] as usize;
-            let lower = upper + stride[k] as usize;
-            let pair = |at: usize| match self.layer.get(at..at + 8) {
-                Some(&[a, b, c, d, e, f, g, h]) => [u32::from_le_bytes([a, b, c, d]), u32::from_le_bytes([e, f, g, h])],
-                _ => [0; 2],
-            };
-            let ([nw, ne], [sw, se]) = (pair(upper), pair(lower));
-            [texels[0][k], texels[1][k], texels[2][k], texels[3][k]] = [nw, ne, sw, se];
-        }
-        let [nw, ne, sw, se] = texels.each_ref().map(|texels| &texels[..count]);
-        let (east, south) = (&east[..count], &south[..count]);
-        for k in 0..count {
-            let (east, south) = (east[k], south[k]);
-            let (west, north) = (256u32.wrapping_sub(east), 256u32.wrapping_sub(south));
-            let mix =
-                |a: u32, b: u32, [first, second]: [u32; 2]| a.wrapping_mul(first).wrapping_add(b.wrapping_mul(second));
-            let along = |a: u32, b: u32| (mix(a & TWO, b & TWO, [west, east]) >> 8) & TWO;
-            let (upper, lower) = (along(nw[k], ne[k]), along(sw[k], se[k]));
-            let (upper_green, lower_green) = (along(nw[k] >> 8, ne[k] >> 8), along(sw[k] >> 8, se[k] >> 8));
-            let red_blue = (mix(upper, lower, [north, south]) >> 8) & TWO;
-            let green = mix(upper_green, lower_green, [north, south]) & !TWO;
-            out[k] = red_blue | green | OPAQUE_BLACK;
-        }
+    fn tap<S: Simd>(&self, simd: S, mip: &Mip<S>, [u, v]: [S::Floats; 2]) -> S::Words {
+        let (zero, parts) = (simd.floats(0.0), simd.floats(256.0));
+        // Columns and rows in 256ths.
+        let i = simd.index(simd.smaller(simd.larger(u, zero), mip.end) * parts);
+        let j = simd.index(simd.smaller(simd.larger(v, zero), mip.end) * parts);
+        let at = mip.before + simd.shift_right::<8>(j) * mip.side + simd.shift_right::<8>(i);
+        let [nw, ne] = simd.texel_pairs(self.layer, at);
+        let [sw, se] = simd.texel_pairs(self.layer, at + mip.side);
+        let (part, twice) = (simd.words(0xff), simd.words(0x0001_0001));
+        let (east, south) = ((i & part) * twice, (j & part) * twice);
+        let upper = mix_channels(simd, [nw, ne], east);
+        let lower = mix_channels(simd, [sw, se], east);
+        let red_blue = simd.shift_right::<8>(mix(simd, [upper[0], lower[0]], south)) & simd.words(TWO);
+        let green = mix(simd, [upper[1], lower[1]], south) & simd.words(!TWO);
+        red_blue | green | simd.words(OPAQUE_BLACK)
     }
+}
+
+/// Between two words of two channels, times 256. `share`: of the second, in 256ths, for each
+/// channel.
+#[inline(always)]
+fn mix<S: Simd>(simd: S, [a, b]: [S::Words; 2], share: S::Words) -> S::Words {
+    let other = simd.words(0x0100_0100) - share;
+    simd.multiply_halves(a, other) + simd.multiply_halves(b, share)
+}
+
+/// Between two texels: red and blue, green and alpha.
+#[inline(always)]
+fn mix_channels<S: Simd>(simd: S, [a, b]: [S::Words; 2], share: S::Words) -> [S::Words; 2] {
+    let two = simd.words(TWO);
+    let red_blue = mix(simd, [a & two, b & two], share);
+    let green = mix(simd, [simd.shift_right::<8>(a) & two, simd.shift_right::<8>(b) & two], share);
+    [simd.shift_right::<8>(red_blue) & two, simd.shift_right::<8>(green) & two]
 }

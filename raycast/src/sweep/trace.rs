@@ -17,20 +17,24 @@
 //! is below every slope before it. The same, upside down.
 
 use super::fan::{Block, Fan, Step};
-use super::heights::{Heights, NOTHING};
-use super::lanes::{Floats, LANES, floor, larger, smaller};
+use super::heights::{Heights, NOTHING, Place};
 use super::stretch::LEAST_ROWS;
 use super::strip::Strip;
 use crate::scene::{Bounds, Scene};
 use glam::Vec2;
+use terravision_common::simd::{LANES, Simd, Sixteen};
 
 const _: () = assert!(NOTHING == NO_SLOPE, "where no height is there is no slope");
 /// Steps that are looked at together: hidden ones are left out together. Many first, then few.
 const GROUPS: [usize; 2] = [64, 8];
+/// Bits of all planes.
+const ALL: u32 = (1 << LANES) - 1;
 /// The slope of a point where no ground is.
 pub(super) const NO_SLOPE: f32 = f32::NEG_INFINITY;
+
 /// What is swept, and where to.
-pub(super) struct Tracer<'a> {
+pub(super) struct Tracer<'a, S> {
+    pub(super) simd: S,
     scene: &'a Scene<'a>,
     fan: &'a Fan,
     pub(super) block: &'a Block,
@@ -47,26 +51,64 @@ pub(super) struct Tracer<'a> {
 }
 
 /// The points that a step has come to.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Points {
-    pub(super) slope: Floats,
+#[derive(Clone, Copy)]
+pub(super) struct Points<S: Simd> {
+    pub(super) slope: S::Floats,
+    /// Height above the eye, or of the last ground before.
+    pub(super) rise: S::Floats,
     /// One over their distance along the ground.
-    pub(super) nearness: Floats,
+    pub(super) nearness: S::Floats,
 }
 
 /// What is known of the planes.
-pub(super) struct State {
+#[derive(Clone, Copy)]
+pub(super) struct State<S: Simd> {
     /// Largest slope so far, or upside down the smallest.
-    pub(super) horizon: Floats,
+    pub(super) horizon: S::Floats,
     /// The first row that is not filled yet, or upside down the last that is.
-    pub(super) next: Floats,
-    pub(super) last: Points,
+    pub(super) next: S::Floats,
+    pub(super) last: Points<S>,
 }
 
-impl<'a> Tracer<'a> {
-    pub(super) fn new(scene: &'a Scene<'a>, fan: &'a Fan, block: &'a Block) -> Option<Self> {
+/// The same, plane by plane.
+struct States {
+    horizon: Sixteen<f32>,
+    next: Sixteen<f32>,
+    slope: Sixteen<f32>,
+    rise: Sixteen<f32>,
+    nearness: Sixteen<f32>,
+}
+
+impl States {
+    fn of<S: Simd>(simd: S, state: &State<S>) -> Self {
+        let zeros = [0.0; LANES];
+        let mut of = Self { horizon: zeros, next: zeros, slope: zeros, rise: zeros, nearness: zeros };
+        simd.store(state.horizon, &mut of.horizon);
+        simd.store(state.next, &mut of.next);
+        simd.store(state.last.slope, &mut of.slope);
+        simd.store(state.last.rise, &mut of.rise);
+        simd.store(state.last.nearness, &mut of.nearness);
+        of
+    }
+
+    fn state<S: Simd>(&self, simd: S) -> State<S> {
+        State {
+            horizon: simd.load(&self.horizon),
+            next: simd.load(&self.next),
+            last: Points {
+                slope: simd.load(&self.slope),
+                rise: simd.load(&self.rise),
+                nearness: simd.load(&self.nearness),
+            },
+        }
+    }
+}
+
+impl<'a, S: Simd> Tracer<'a, S> {
+    pub(super) fn new(simd: S, scene: &'a Scene<'a>, fan: &'a Fan, block: &'a Block) -> Option<Self> {
         let sector = fan.sector.as_ref()?;
         Some(Self {
+            simd,
             scene,
             fan,
             block,
@@ -82,80 +124,102 @@ impl<'a> Tracer<'a> {
     /// Fills the rows of the planes' lines, which are the lines from `first` on of a strip.
     #[inline(always)]
     pub(super) fn trace(&mut self, strip: &mut Strip, first: usize) {
-        let mut state = State {
-            horizon: self.block.lowest,
-            next: [self.rows[0]; LANES],
-            last: Points { slope: [NO_SLOPE; LANES], nearness: [0.0; LANES] },
-        };
-        for k in 0..LANES {
-            if !self.block.has_ground[k] {
-                state.horizon[k] = f32::INFINITY;
+        let simd = self.simd;
+        let mut horizon = self.block.lowest;
+        for (horizon, has_ground) in horizon.iter_mut().zip(&self.block.has_ground) {
+            if !has_ground {
+                *horizon = f32::INFINITY;
             }
         }
+        let zero = simd.floats(0.0);
+        let mut state = State {
+            horizon: simd.load(&horizon),
+            next: simd.floats(self.rows[0]),
+            last: Points { slope: simd.floats(NO_SLOPE), rise: zero, nearness: zero },
+        };
         if let Some(begin) = self.fan.steps.first() {
-            state.last = self.points(begin);
-            self.begin(&mut state, strip, first);
+            // How high the ground is there, by which its level is chosen, is not known before.
+            state.last = self.points(begin, zero);
+            state.last = self.points(begin, state.last.rise);
+            state = self.begin(state, strip, first);
             self.sweep(&mut state, strip, first);
         }
-        strip.put_sky(first, &state.next, self.rows);
+        strip.put_sky(simd, first, [state.next, self.skyline(&state)], self.rows);
+    }
+
+    /// The rows of the planes' horizons, within the picture or a pixel beyond it.
+    #[inline(always)]
+    fn skyline(&self, state: &State<S>) -> S::Floats {
+        let (simd, block) = (self.simd, self.block);
+        let slope = simd.smaller(simd.larger(state.horizon, simd.load(&block.lowest)), simd.load(&block.highest));
+        let row = self.place(&Points { slope, ..state.last }).row;
+        // Planes without ground: as low as that.
+        let has_ground = simd.less(state.horizon, simd.floats(f32::INFINITY));
+        simd.select(has_ground, row, simd.floats(f32::MIN))
     }
 
     /// Points of the planes at a step: no nearer than where the ground begins, no further than its
-    /// border.
+    /// border. Levels are those of ground as far above the eye as `rise`, that of the step before.
     #[inline(always)]
-    fn points(&mut self, step: &Step) -> Points {
-        let block = self.block;
-        let (mut distance, mut nearness) = ([0.0; LANES], [step.nearness; LANES]);
-        let (mut east, mut north) = ([0.0; LANES], [0.0; LANES]);
-        for k in 0..LANES {
-            distance[k] = smaller(larger(step.distance, block.begin[k]), block.end[k]);
-            nearness[k] = if distance[k] == step.distance { step.nearness } else { 1.0 / distance[k] };
-            east[k] = block.east[k] * distance[k];
-            north[k] = block.north[k] * distance[k];
+    fn points(&mut self, step: &Step, rise: S::Floats) -> Points<S> {
+        let (simd, block) = (self.simd, self.block);
+        let at_step = simd.floats(step.distance);
+        let distance = simd.smaller(simd.larger(at_step, simd.load(&block.begin)), simd.load(&block.end));
+        let mut nearness = simd.floats(step.nearness);
+        let elsewhere = simd.less(distance, at_step) | simd.less(at_step, distance);
+        if simd.any(elsewhere) {
+            nearness = simd.select(elsewhere, simd.floats(1.0) / distance, nearness);
         }
-        let heights = self.heights.at(&east, &north);
-        self.samples += LANES as u64;
-        let mut slope = [0.0; LANES];
-        let eye = self.scene.eye_height;
-        for k in 0..LANES {
-            slope[k] = (heights[k] - eye) * nearness[k];
-        }
-        Points { slope, nearness }
+        let place = Place {
+            east: simd.load(&block.east) * distance,
+            north: simd.load(&block.north) * distance,
+            away2: distance * distance + rise * rise,
+        };
+        let above = self.heights.at(simd, &place) - simd.floats(self.scene.eye_height);
+        self.samples = self.samples.wrapping_add(LANES as u64);
+        let is_ground = simd.less(simd.floats(NO_SLOPE), above);
+        Points { slope: above * nearness, rise: simd.select(is_ground, above, rise), nearness }
     }
 
     /// What is seen before the first step.
-    #[inline(never)]
-    fn begin(&mut self, state: &mut State, strip: &mut Strip, first: usize) {
+    #[inline(always)]
+    fn begin(&mut self, state: State<S>, strip: &mut Strip, first: usize) -> State<S> {
+        let mut states = States::of(self.simd, &state);
         let mut under = [false; LANES];
         for (k, is_under) in under.iter_mut().enumerate() {
-            let slope = state.last.slope[k];
-            if !self.block.has_ground[k] || slope <= state.horizon[k] {
+            let slope = states.slope[k];
+            if !self.block.has_ground[k] || slope <= states.horizon[k] {
                 continue;
             }
-            let nearness = state.last.nearness[k];
             let end = self.end_row(k, slope);
             if self.block.begin[k] > 0.0 && self.scene.has_undersides {
                 *is_under = true;
             } else if end > self.rows[0] {
-                // The ground goes on towards the eye as high as it is here; from where it begins
-                // down, it is a wall.
-                let is_wall = self.block.begin[k] > 0.0;
-                let before = if is_wall { [state.horizon[k], nearness] } else { [2.0 * slope, 2.0 * nearness] };
-                let [row, seen] = self.seen(k, slope, nearness);
-                let [row_before, seen_before] = self.seen(k, before[0], before[1]);
-                let by = row - row_before;
-                let per_row = if by.abs() > LEAST_ROWS { (seen - seen_before) / by } else { 0.0 };
-                let within = [0.5 * seen.min(seen_before), 2.0 * seen.max(seen_before)];
-                for number in self.rows[0] as usize..end as usize {
-                    let value = seen + (number as f32 + 0.5 - row) * per_row;
-                    strip.put(number, first + k, value.clamp(within[0], within[1]), per_row);
-                }
+                self.fill_before(k, [slope, states.nearness[k], states.horizon[k]], end, strip, first);
             }
-            state.horizon[k] = slope;
-            state.next[k] = larger(end, self.rows[0]);
+            states.horizon[k] = slope;
+            states.next[k] = end.max(self.rows[0]);
         }
+        let state = states.state(self.simd);
         if under.contains(&true) {
-            self.look_under(&under, state, strip, first);
+            self.look_under(&under, &state, strip, first);
+        }
+        state
+    }
+
+    /// Fills the rows below the first point of a plane. The ground goes on towards the eye as high
+    /// as it is here; from where it begins down, it is a wall.
+    fn fill_before(&self, k: usize, [slope, nearness, horizon]: [f32; 3], end: f32, strip: &mut Strip, first: usize) {
+        let is_wall = self.block.begin[k] > 0.0;
+        let before = if is_wall { [horizon, nearness] } else { [2.0 * slope, 2.0 * nearness] };
+        let [row, seen] = self.seen(k, slope, nearness);
+        let [row_before, seen_before] = self.seen(k, before[0], before[1]);
+        let by = row - row_before;
+        let per_row = if by.abs() > LEAST_ROWS { (seen - seen_before) / by } else { 0.0 };
+        let within = [0.5 * seen.min(seen_before), 2.0 * seen.max(seen_before)];
+        for number in self.rows[0] as usize..end as usize {
+            let value = seen + (number as f32 + 0.5 - row) * per_row;
+            strip.put(number, first + k, value.clamp(within[0], within[1]), per_row);
         }
     }
 
@@ -164,7 +228,7 @@ impl<'a> Tracer<'a> {
     #[inline(always)]
     pub(super) fn seen(&self, k: usize, slope: f32, nearness: f32) -> [f32; 2] {
         let block = self.block;
-        let slope = smaller(larger(slope, block.lowest[k]), block.highest[k]);
+        let slope = slope.max(block.lowest[k]).min(block.highest[k]);
         let per_depth = 1.0 / (block.depth[k] + slope * self.per_slope[1]);
         let height = (block.rise[k] + slope * self.per_slope[0]) * per_depth;
         [height * self.focal_px + self.middle, nearness * per_depth]
@@ -174,12 +238,12 @@ impl<'a> Tracer<'a> {
     #[inline(always)]
     fn end_row(&self, k: usize, slope: f32) -> f32 {
         let [row, _] = self.seen(k, slope, 1.0);
-        floor(smaller(larger(row + 0.5, 0.0), self.rows[1]))
+        (row + 0.5).max(0.0).min(self.rows[1]).floor()
     }
 
     /// Goes outwards, as long as something may still be seen.
     #[inline(always)]
-    fn sweep(&mut self, state: &mut State, strip: &mut Strip, first: usize) {
+    fn sweep(&mut self, state: &mut State<S>, strip: &mut Strip, first: usize) {
         let count = self.fan.steps.len();
         let mut at = 1;
         // Whether the last point is that of the step before.
@@ -189,50 +253,52 @@ impl<'a> Tracer<'a> {
             if lowest == f32::INFINITY || self.is_all_below(at, lowest) {
                 return;
             }
-            if let Some(end) =
-                GROUPS.map(|group| count.min(at + group)).into_iter().find(|end| self.bound(at, *end) <= lowest)
-            {
+            if let Some(end) = self.end_of_hidden(at, lowest) {
                 at = end;
                 is_known = false;
                 continue;
             }
             if !is_known {
-                state.last = self.points(&self.fan.steps[at - 1]);
+                state.last = self.points(&self.fan.steps[at - 1], state.last.rise);
                 is_known = true;
             }
             let end = count.min(at + GROUPS[1]);
             for step in &self.fan.steps[at..end] {
-                let points = self.points(step);
-                self.advance::<true>(state, &points, strip, first);
+                let points = self.points(step, state.last.rise);
+                self.advance::<true>(state, points, strip, first);
             }
             at = end;
         }
     }
 
+    /// Where the next steps end that rise above no slope, if there are.
+    #[inline(never)]
+    fn end_of_hidden(&self, at: usize, lowest: f32) -> Option<usize> {
+        let ends = GROUPS.map(|group| self.fan.steps.len().min(at + group));
+        ends.into_iter().find(|end| self.bound(at, *end) <= lowest)
+    }
+
     /// Takes the next points, and fills the rows that they come to. `IS_UP` false: upside down.
     #[inline(always)]
-    fn advance<const IS_UP: bool>(&self, state: &mut State, points: &Points, strip: &mut Strip, first: usize) {
-        let mut seen = 0u32;
-        for k in 0..LANES {
-            let (slope, horizon) = (points.slope[k], state.horizon[k]);
-            let is_seen = if IS_UP { slope > horizon } else { (slope < horizon) & (slope > NO_SLOPE) };
-            seen |= u32::from(is_seen);
+    fn advance<const IS_UP: bool>(&self, state: &mut State<S>, points: Points<S>, strip: &mut Strip, first: usize) {
+        let simd = self.simd;
+        let seen = if IS_UP {
+            simd.less(state.horizon, points.slope)
+        } else {
+            simd.less(points.slope, state.horizon) & simd.less(simd.floats(NO_SLOPE), points.slope)
+        };
+        if simd.any(seen) {
+            self.fill::<IS_UP>(state, &points, seen, strip, first);
         }
-        if seen != 0 {
-            self.fill::<IS_UP>(state, points, strip, first);
-        }
-        state.last = *points;
+        state.last = points;
     }
 
     /// The smallest of the largest slopes so far, of planes that have rows left.
     #[inline(always)]
-    fn lowest_open(&self, state: &State) -> f32 {
-        let mut lowest = f32::INFINITY;
-        for k in 0..LANES {
-            let horizon = if state.next[k] < self.rows[1] { state.horizon[k] } else { f32::INFINITY };
-            lowest = smaller(horizon, lowest);
-        }
-        lowest
+    fn lowest_open(&self, state: &State<S>) -> f32 {
+        let simd = self.simd;
+        let is_open = simd.less(state.next, simd.floats(self.rows[1]));
+        simd.smallest(simd.select(is_open, state.horizon, simd.floats(f32::INFINITY)))
     }
 
     /// Whether no ground from a step on rises above a slope.
@@ -244,7 +310,6 @@ impl<'a> Tracer<'a> {
     }
 
     /// A slope that the steps from `at` to `end` and the way to them do not exceed.
-    #[inline(never)]
     fn bound(&self, at: usize, end: usize) -> f32 {
         let block = self.block;
         let (near, far) = (&self.fan.steps[at - 1], &self.fan.steps[end - 1]);
@@ -254,29 +319,33 @@ impl<'a> Tracer<'a> {
         let corners = [a * near.distance, b * near.distance, a * far.distance, b * far.distance];
         let min = corners.into_iter().fold(Vec2::INFINITY, Vec2::min) - margin;
         let max = corners.into_iter().fold(Vec2::NEG_INFINITY, Vec2::max) + margin;
-        let highest = self.scene.highest_in(Bounds { min, max });
+        let highest = self.scene.highest_in(Bounds { min, max }, [near.distance, far.distance]);
         highest * if highest > 0.0 { near.nearness } else { far.nearness }
     }
 
     /// Fills the rows below the edge of the ground with what they see of it from below.
-    #[inline(never)]
-    fn look_under(&mut self, under: &[bool; LANES], above: &State, strip: &mut Strip, first: usize) {
-        let mut state = State { horizon: above.horizon, next: above.next, last: above.last };
+    #[inline(always)]
+    fn look_under(&mut self, under: &[bool; LANES], above: &State<S>, strip: &mut Strip, first: usize) {
+        let simd = self.simd;
+        let mut states = States::of(simd, above);
         for (k, _) in under.iter().enumerate().filter(|(_, is_under)| !**is_under) {
-            state.horizon[k] = NO_SLOPE;
-            state.next[k] = self.rows[0];
+            states.horizon[k] = NO_SLOPE;
+            states.next[k] = self.rows[0];
         }
+        let mut state = states.state(simd);
+        let lowest = simd.load(&self.block.lowest);
         for at in 1..self.fan.steps.len() {
-            let is_done = (0..LANES).all(|k| state.next[k] <= self.rows[0] || state.horizon[k] <= self.block.lowest[k]);
-            if is_done {
+            let is_done = simd.at_most(state.next, simd.floats(self.rows[0])) | simd.at_most(state.horizon, lowest);
+            if simd.bits(is_done) == ALL {
                 break;
             }
-            let points = self.points(&self.fan.steps[at]);
-            self.advance::<false>(&mut state, &points, strip, first);
+            let points = self.points(&self.fan.steps[at], state.last.rise);
+            self.advance::<false>(&mut state, points, strip, first);
         }
         // Rows that are left pass below all ground.
+        let states = States::of(simd, &state);
         for k in (0..LANES).filter(|k| under[*k]) {
-            for row in self.rows[0] as usize..state.next[k] as usize {
+            for row in self.rows[0] as usize..states.next[k] as usize {
                 strip.put(row, first + k, 0.0, 0.0);
             }
         }

@@ -330,7 +330,7 @@ fn upload_colors(
         };
         if !is_there {
             let fault = TileFault::Stale;
-            return Err(FrameError::Tile { frame: frame.marker.frame, index, fault }.into());
+            return Err(FrameError::Tile { frame: frame.number(), index, fault }.into());
         }
     }
     Ok(())
@@ -342,5 +342,5 @@ fn starts_capacity(shape: &SourceShape) -> usize {
 
 fn missing_array(frame: &Frame, position: u64) -> EngineError {
     let index = frame.tiles.iter().position(|tile| tile.elevation_position == position).unwrap_or(0);
-    FrameError::Tile { frame: frame.marker.frame, index, fault: TileFault::Elevation }.into()
+    FrameError::Tile { frame: frame.number(), index, fault: TileFault::Elevation }.into()
 }

@@ -7,7 +7,7 @@ use crate::pixels::Pixels;
 use crate::source::Done;
 use terravision_common::camera::Camera;
 use terravision_common::event::monotonic_nanos;
-use terravision_common::ids::{RingPosition, Sequence};
+use terravision_common::ids::{FrameNumber, RingPosition, Sequence};
 use terravision_common::rig::Views;
 
 /// What recording a frame took.
@@ -27,7 +27,7 @@ pub struct Submitted {
 #[derive(Debug)]
 pub struct Finished {
     /// Its number.
-    pub frame: u64,
+    pub frame: FrameNumber,
     /// Counts the frames of the run from 1.
     pub sequence: Sequence,
     /// One past its last position in the elevation ring.
@@ -61,7 +61,7 @@ pub struct Finished {
 /// A frame that was taken in, without its picture yet.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct InFlight {
-    frame: u64,
+    frame: FrameNumber,
     done: Done,
     pose: Camera,
     size: [u32; 2],
@@ -76,7 +76,7 @@ pub(super) struct InFlight {
 impl InFlight {
     pub(super) fn new(frame: &Frame, costs: DrawCosts, started_nanos: u64, submitted_nanos: u64) -> Self {
         Self {
-            frame: frame.marker.frame,
+            frame: FrameNumber::new(frame.marker.frame),
             done: Done {
                 sequence: frame.sequence,
                 elevation_end: RingPosition::new(frame.end.elevation_end),

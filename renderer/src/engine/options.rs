@@ -24,6 +24,8 @@ pub struct EngineOptions {
     pub views: Option<ViewBounds>,
     /// Samples per pixel, 1 or 4.
     pub samples: u32,
+    /// Factor on all heights that are read out of the elevation pool; those of arrays have it.
+    pub exaggeration: f64,
     /// Colour of the sky.
     pub sky_rgb: [u8; 3],
     /// Height of the world's lowest ground as it is drawn, where it has a skirt down to it; `None`
@@ -91,6 +93,7 @@ impl Default for EngineOptions {
             pixels: PixelPlaces::HOST,
             views: None,
             samples: 1,
+            exaggeration: 1.0,
             sky_rgb: [150, 190, 235],
             skirt_low_m: None,
             has_tree_overlay: false,

@@ -6,15 +6,17 @@ use super::finished::InFlight;
 use super::{Described, Engine, EngineError, EngineOptions, Finished, Submitted};
 use crate::frame::{Frame, FrameError, TileFault};
 use crate::pixels::{Pixels, Raster};
-use crate::source::{FrameSource, Pools, SourceShape};
+use crate::source::{ElevationPoolShape, FrameSource, Pools, SourceShape};
 use crate::technique::{BlockReader, NEAR_M, outline_of};
 use std::time::Duration;
 use terravision_common::event::monotonic_nanos;
 use terravision_common::run::{RaysChoice, TechniqueChoice, UNDECIDED_RAYS as UNDECIDED};
+use terravision_common::simd::Instructions;
+use terravision_common::slot::ElevationTile;
 use terravision_raycast::Sampling;
 use terravision_raycast::model::world::ground_shape;
-use terravision_raycast::model::{Detail, Filter, Ground, GroundError};
-use terravision_raycast::{CastOptions, Caster, Instructions, Method, Picture, SweepDetail};
+use terravision_raycast::model::{Detail, Filter, Ground, GroundError, PoolShape, PoolTile};
+use terravision_raycast::{CastOptions, CastTask, Caster, Method, Picture, SweepDetail};
 
 /// Frames before both methods are tried on one: they take memory, and are slower than later ones.
 const WARM_UP: u32 = 2;
@@ -138,13 +140,19 @@ impl RaysEngine {
         if options.pixels.device {
             return Err(EngineError::MeshOnly { what: "pictures that stay on the device" });
         }
-        let SourceShape { world, texels, .. } = source.shape();
+        let SourceShape { world, texels, elevation_pool, .. } = source.shape();
         if texels.is_compressed() {
             return Err(EngineError::MeshOnly { what: "block-compressed colour tiles" });
         }
+        let [mut heights, voxels] =
+            [None, Some(Filter::OrientedBox)].map(|filter| Ground::new(ground_shape(&world, filter)));
+        if let Some(ElevationPoolShape { slots, stride }) = elevation_pool {
+            let exaggeration = options.exaggeration as f32;
+            heights = heights.with_pool(PoolShape { slots, stride, exaggeration });
+        }
         Ok(Self {
             caster: Caster::new(options.workers)?,
-            grounds: [None, Some(Filter::OrientedBox)].map(|filter| Ground::new(ground_shape(&world, filter))),
+            grounds: [heights, voxels],
             blocks: BlockReader::new(&world),
             pictures: Vec::new(),
             layers: Vec::with_capacity(4096),
@@ -218,21 +226,13 @@ impl RaysEngine {
 
     /// Casts the rays of a frame; when its ground was ready, nanoseconds of the monotonic clock.
     fn cast(&mut self, method: Method, frame: &Frame, pools: &mut dyn Pools) -> Result<u64, EngineError> {
-        let fail = |index: usize, fault: TileFault| FrameError::Tile { frame: frame.marker.frame, index, fault };
-        let ground = &mut self.grounds[usize::from(method == Method::Coherent)];
-        let eye = frame.pose.eye();
-        let eye_m = ground.shape().surface.height_m(eye);
-        ground.clear(eye_m);
-        self.blocks.forget();
-        for (index, tile) in frame.tiles.iter().enumerate() {
-            let spec = self.blocks.read(tile, pools, eye_m, index as u32)?;
-            let spec = spec.map_err(|fault| fail(index, fault))?;
-            ground.add(&spec).map_err(|error| fail(index, fault_of(error)))?;
+        let fail = |index: usize, fault: TileFault| FrameError::Tile { frame: frame.number(), index, fault };
+        if frame.elevations.is_empty() {
+            self.fill(method, frame, pools)?;
+        } else {
+            self.fill_in_place(frame, pools)?;
         }
-        match method {
-            Method::Sweep => ground.finish_for_sweep(),
-            _ => ground.finish_for(&Detail { eye_in_world: eye, reach: ACCURATE_REACH, most_bytes: MOST_VOXEL_BYTES }),
-        }
+        let ground = &self.grounds[usize::from(method == Method::Coherent)];
         // A vector's memory serves slices of any lifetime, as long as it is empty in between.
         let mut layers: Vec<&[u8]> = std::mem::take(&mut self.layers);
         for (index, tile) in frame.tiles.iter().enumerate() {
@@ -262,11 +262,25 @@ impl RaysEngine {
             }
             // What the workers did for the ground is not this view's.
             self.caster.workers().take_busy();
-            self.caster.draw(ground, &layers[..], &view.camera, &options, &self.pictures[index]);
+            let heights = if frame.elevations.is_empty() { &[] } else { pools.elevation_pool() };
+            self.caster.draw(&CastTask {
+                ground,
+                colors: &layers[..],
+                heights,
+                camera: &view.camera,
+                options: &options,
+                picture: &self.pictures[index],
+            });
             if self.options.has_tree_overlay {
                 self.outlines.clear();
                 self.outlines.extend(frame.tiles.iter().map(outline_of));
-                self.caster.outline(ground, &view.camera, &self.outlines, &self.pictures[index]);
+                self.caster.outline(
+                    ground,
+                    pools.elevation_pool(),
+                    &view.camera,
+                    &self.outlines,
+                    &self.pictures[index],
+                );
             }
             self.costs.push(DrawCost {
                 technique: TechniqueChoice::Rays,
@@ -278,6 +292,7 @@ impl RaysEngine {
         }
         layers.clear();
         self.layers = layers.into_iter().map(|_| &[][..]).collect();
+        check_residency(frame, pools)?;
         for (index, tile) in frame.tiles.iter().enumerate() {
             // A slot that was filled again meanwhile breaks the protocol: the picture is not shown.
             if pools.color(tile.color()).is_none() {
@@ -285,6 +300,50 @@ impl RaysEngine {
             }
         }
         Ok(prepared_nanos)
+    }
+
+    /// Fills the ground of a method with a frame's elevation arrays.
+    fn fill(&mut self, method: Method, frame: &Frame, pools: &mut dyn Pools) -> Result<(), EngineError> {
+        let fail = |index: usize, fault: TileFault| FrameError::Tile { frame: frame.number(), index, fault };
+        let ground = &mut self.grounds[usize::from(method == Method::Coherent)];
+        let eye = frame.pose.eye();
+        let eye_m = ground.shape().surface.height_m(eye);
+        ground.clear(eye_m);
+        self.blocks.forget();
+        for (index, tile) in frame.tiles.iter().enumerate() {
+            let spec = self.blocks.read(tile, pools, eye_m, index as u32)?;
+            let spec = spec.map_err(|fault| fail(index, fault))?;
+            ground.add(&spec).map_err(|error| fail(index, fault_of(error)))?;
+        }
+        match method {
+            Method::Sweep => ground.finish_for_sweep(),
+            _ => ground.finish_for(&Detail { eye_in_world: eye, reach: ACCURATE_REACH, most_bytes: MOST_VOXEL_BYTES }),
+        }
+        Ok(())
+    }
+
+    /// Fills the ground of heights with a frame's tiles of the elevation pool, which stay there.
+    fn fill_in_place(&mut self, frame: &Frame, pools: &dyn Pools) -> Result<(), EngineError> {
+        let number = frame.number();
+        check_residency(frame, pools)?;
+        let [ground, _] = &mut self.grounds;
+        let world = self.blocks.world();
+        ground.clear_in_place();
+        for (index, tile) in frame.elevations.iter().enumerate() {
+            let fail = |fault: TileFault| FrameError::Elevation { frame: number, index, fault };
+            let node = tile.node().ok_or(fail(TileFault::Node))?;
+            let origin = world.node_origin(node).map(|v| v as u32);
+            let ElevationTile { slot, generation, .. } = *tile;
+            let tile = PoolTile { origin, level: node.q(), slot, generation };
+            ground.add_pool_tile(&tile, pools.elevation_pool()).map_err(|error| fail(fault_of(error)))?;
+        }
+        for (index, tile) in frame.tiles.iter().enumerate() {
+            let fail = |fault: TileFault| FrameError::Tile { frame: number, index, fault };
+            let patch = self.blocks.patch(tile, index as u32).map_err(fail)?;
+            ground.add_patch(&patch).map_err(|error| fail(fault_of(error)))?;
+        }
+        ground.finish_in_place();
+        Ok(())
     }
 
     /// Copies the pictures of a frame's views to where sinks read them.
@@ -333,10 +392,20 @@ impl RaysEngine {
     }
 }
 
+/// Whether all tiles of the elevation pool that a frame names are there: one that was filled again
+/// breaks the protocol.
+fn check_residency(frame: &Frame, pools: &dyn Pools) -> Result<(), FrameError> {
+    match frame.elevations.iter().position(|tile| !pools.has_elevation_tile(tile.key())) {
+        Some(index) => Err(FrameError::Elevation { frame: frame.number(), index, fault: TileFault::StaleElevation }),
+        None => Ok(()),
+    }
+}
+
 fn fault_of(error: GroundError) -> TileFault {
     match error {
         GroundError::Height { .. } => TileFault::Height,
         GroundError::Occupied { .. } => TileFault::Occupied,
+        GroundError::Unattached { .. } => TileFault::Node,
         _ => TileFault::Block,
     }
 }

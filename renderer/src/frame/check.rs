@@ -1,8 +1,17 @@
 //! Whether the numbers of a tile are those of a tile.
 
 use super::TileFault;
-use terravision_common::slot::TileSlot;
+use terravision_common::slot::{ElevationTile, TileSlot};
 use terravision_common::world::World;
+
+/// Checks the numbers of an elevation tile against the world and the pool.
+///
+/// # Errors
+/// The first fault.
+pub(super) fn check_elevation(tile: &ElevationTile, world: &World, slots: u32) -> Result<(), TileFault> {
+    tile.node().filter(|node| world.contains(*node) && world.has_elevation(*node)).ok_or(TileFault::Node)?;
+    if tile.slot < slots { Ok(()) } else { Err(TileFault::ElevationSlot) }
+}
 
 /// Checks the numbers of a tile against the world and the pool. Positions in the elevation ring are
 /// checked when the frame is complete.

@@ -2,6 +2,7 @@
 
 use crate::source::SourceError;
 use terravision_common::camera::CameraError;
+use terravision_common::ids::FrameNumber;
 
 /// What is wrong with a frame from the ring.
 #[derive(Debug, thiserror::Error)]
@@ -18,7 +19,7 @@ pub enum FrameError {
     #[error("the ring lost its order in frame {frame}: found {found}, expected {expected}")]
     Order {
         /// The frame being read.
-        frame: u64,
+        frame: FrameNumber,
         /// What the slot is.
         found: &'static str,
         /// What it should have been.
@@ -28,7 +29,7 @@ pub enum FrameError {
     #[error("frame {frame} from the ring is corrupt: {field} is {found}, expected {expected}")]
     Marker {
         /// The frame.
-        frame: u64,
+        frame: FrameNumber,
         /// Which number.
         field: &'static str,
         /// What it is.
@@ -40,7 +41,7 @@ pub enum FrameError {
     #[error("frame {frame} from the ring has no valid camera: {source}")]
     Camera {
         /// The frame.
-        frame: u64,
+        frame: FrameNumber,
         /// What is wrong with it.
         source: CameraError,
     },
@@ -51,7 +52,7 @@ pub enum FrameError {
     )]
     View {
         /// The frame.
-        frame: u64,
+        frame: FrameNumber,
         /// Which of its views.
         index: usize,
         /// The size of the frame's picture.
@@ -64,7 +65,7 @@ pub enum FrameError {
     )]
     PictureSize {
         /// The frame.
-        frame: u64,
+        frame: FrameNumber,
         /// Its size.
         found: [u32; 2],
         /// The largest of the run.
@@ -74,8 +75,18 @@ pub enum FrameError {
     #[error("tile {index} of frame {frame} from the ring is corrupt: {fault}")]
     Tile {
         /// The frame.
-        frame: u64,
+        frame: FrameNumber,
         /// Which of its tiles.
+        index: usize,
+        /// What is wrong with it.
+        fault: TileFault,
+    },
+    /// A tile of the elevation pool that a frame names is wrong.
+    #[error("elevation tile {index} of frame {frame} from the ring is corrupt: {fault}")]
+    Elevation {
+        /// The frame.
+        frame: FrameNumber,
+        /// Which of its elevation tiles.
         index: usize,
         /// What is wrong with it.
         fault: TileFault,
@@ -110,6 +121,12 @@ pub enum TileFault {
     /// The colour slot is not one of the pool's.
     #[error("its colour slot is not one of the pool's")]
     ColorSlot,
+    /// Its number is not that of a node with elevation, or the node above it does not come before it.
+    #[error("it is not of a node with elevation, or the one above it is missing")]
+    Node,
+    /// The elevation slot is not one of the pool's, or the renderer reads none.
+    #[error("its slot is not one of the elevation pool's")]
+    ElevationSlot,
     /// The elevation array does not belong to the frame.
     #[error("its elevation array does not belong to the frame")]
     Elevation,
@@ -125,4 +142,7 @@ pub enum TileFault {
     /// The pool's slot holds another tile by now.
     #[error("its colour slot holds another generation than it names")]
     Stale,
+    /// The elevation pool's slot holds another tile by now.
+    #[error("its elevation slot holds another generation than it names")]
+    StaleElevation,
 }

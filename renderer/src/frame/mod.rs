@@ -13,10 +13,10 @@ pub use error::{FrameError, TileFault};
 pub use reader::FrameReader;
 
 use terravision_common::camera::Camera;
-use terravision_common::ids::{RingPosition, Sequence};
+use terravision_common::ids::{FrameNumber, RingPosition, Sequence};
 use terravision_common::node::NodeId;
 use terravision_common::rig::{PictureLayout, Views};
-use terravision_common::slot::{FrameEnd, FrameMarker, TileSlot};
+use terravision_common::slot::{ElevationTile, FrameEnd, FrameMarker, TileSlot};
 
 /// Lattice coordinates stay below this, so that differences of two of them fit into 32 bits on the
 /// device.
@@ -33,6 +33,9 @@ pub struct Frame {
     pub pose: Camera,
     /// Its views. They lie within the frame's picture.
     pub views: Views,
+    /// Tiles of the elevation pool in which its heights lie, a node after the one above it; empty
+    /// where it has elevation arrays.
+    pub elevations: Vec<ElevationTile>,
     /// Its tiles, near to far.
     pub tiles: Vec<TileSlot>,
     /// Its last slot.
@@ -46,6 +49,12 @@ pub struct Frame {
 }
 
 impl Frame {
+    /// Its number.
+    #[must_use]
+    pub fn number(&self) -> FrameNumber {
+        FrameNumber::new(self.marker.frame)
+    }
+
     /// Where its views lie in its picture, whose size is the frame's own.
     #[must_use]
     pub fn layout(&self) -> PictureLayout {

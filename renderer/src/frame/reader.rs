@@ -1,11 +1,12 @@
 //! Reads frames from a source, slot by slot.
 
+use super::check::check_elevation;
 use super::{Frame, FrameError, MAX_NODE_SIDE, MAX_TILES, TileFault, check_tile};
 use crate::source::{Done, FrameSource, SourceShape};
 use terravision_common::camera::Camera;
-use terravision_common::ids::{Generation, RingPosition, Sequence};
+use terravision_common::ids::{FrameNumber, Generation, RingPosition, Sequence};
 use terravision_common::rig::{MAX_VIEWS, View, Views};
-use terravision_common::slot::{FrameEnd, FrameMarker, Slot, SlotContent, TileSlot, ViewSlot};
+use terravision_common::slot::{ElevationTile, FrameEnd, FrameMarker, Slot, SlotContent, TileSlot, ViewSlot};
 
 /// Reads frames from a source.
 #[derive(Debug)]
@@ -18,7 +19,7 @@ pub struct FrameReader {
     views: Vec<View>,
     view_count: u32,
     /// Number of the frame that comes next, or of the first that may.
-    next: u64,
+    next: FrameNumber,
     /// How far frames were done with when reading began: those before are passed over.
     done: Done,
     /// Sequence of the last frame that was read.
@@ -49,6 +50,7 @@ impl FrameReader {
             pose: Camera::default(),
             views: Views::single(&Camera::default()),
             marker,
+            elevations: Vec::with_capacity(4096),
             tiles: Vec::with_capacity(4096),
             end: bytemuck::Zeroable::zeroed(),
             elevation_start: 0,
@@ -63,7 +65,7 @@ impl FrameReader {
             is_open: false,
             views: Vec::with_capacity(MAX_VIEWS),
             view_count: 0,
-            next: 0,
+            next: FrameNumber::default(),
             done: shape.done,
             sequence: Sequence::NONE,
             may_begin_within: false,
@@ -82,7 +84,7 @@ impl FrameReader {
         self.sequence = done.sequence;
         self.frame.end.elevation_end = done.elevation_end.get();
         // Frames may have been left out, but none has come twice.
-        self.next = self.shape.frames[0].saturating_add(done.sequence.get());
+        self.next = FrameNumber::new(self.shape.frames[0].saturating_add(done.sequence.get()));
     }
 
     /// How far frames are done with when this one is, [`FrameReader::frame`].
@@ -96,7 +98,7 @@ impl FrameReader {
     /// Frames that are still to come; with gaps, at most.
     #[must_use]
     pub fn remaining(&self) -> u64 {
-        self.shape.frames[1].saturating_sub(self.next)
+        self.shape.frames[1].saturating_sub(self.next.get())
     }
 
     /// The frame that [`FrameReader::add`] completed last.
@@ -106,8 +108,8 @@ impl FrameReader {
     }
 
     /// Number of the frame that is being read or comes next.
-    fn expected_frame(&self) -> u64 {
-        if self.is_open { self.frame.marker.frame } else { self.next }
+    fn expected_frame(&self) -> FrameNumber {
+        if self.is_open { self.frame.number() } else { self.next }
     }
 
     /// Takes the next slot; whether the frame is complete now.
@@ -122,6 +124,9 @@ impl FrameReader {
             (Some(SlotContent::View(view)), true) if !self.has_all_views() => {
                 self.add_view(frame, &view).map(|()| false)
             }
+            (Some(SlotContent::Elevation(slot)), true) if self.has_all_views() && self.frame.tiles.is_empty() => {
+                slot.tiles().try_for_each(|tile| self.add_elevation(frame, &tile)).map(|()| false)
+            }
             (Some(SlotContent::Tile(tile)), true) if self.has_all_views() => {
                 self.add_tile(frame, &tile).map(|()| false)
             }
@@ -131,29 +136,32 @@ impl FrameReader {
                 self.is_open = false;
                 self.open(self.next, &marker).map(|()| false)
             }
-            (Some(SlotContent::View(_) | SlotContent::Tile(_) | SlotContent::End(_)), false)
-                if self.may_begin_within =>
-            {
-                Ok(false)
-            }
+            (
+                Some(SlotContent::View(_) | SlotContent::Elevation(_) | SlotContent::Tile(_) | SlotContent::End(_)),
+                false,
+            ) if self.may_begin_within => Ok(false),
             (Some(SlotContent::Marker(_)), true) => order("a frame marker", "a tile or the end of the frame"),
             (Some(SlotContent::View(_)), true) => order("a view", "a tile or the end of the frame"),
             (Some(SlotContent::View(_)), false) => order("a view", "a frame marker"),
+            (Some(SlotContent::Elevation(_)), true) => order("elevation tiles", "a view, or tiles after them"),
+            (Some(SlotContent::Elevation(_)), false) => order("elevation tiles", "a frame marker"),
             (Some(SlotContent::Tile(_)), true) => order("a tile", "a view"),
             (Some(SlotContent::End(_)), true) => order("the end of a frame", "a view"),
             (Some(SlotContent::Tile(_)), false) => order("a tile", "a frame marker"),
             (Some(SlotContent::End(_)), false) => order("the end of a frame", "a frame marker"),
-            (None, _) => order("a slot of no kind", "a frame marker, a view, a tile or the end of a frame"),
+            (None, _) => {
+                order("a slot of no kind", "a frame marker, a view, elevation tiles, a tile or the end of a frame")
+            }
         }
     }
 
-    fn open(&mut self, expected: u64, marker: &FrameMarker) -> Result<(), FrameError> {
+    fn open(&mut self, expected: FrameNumber, marker: &FrameMarker) -> Result<(), FrameError> {
         let wrong = |field, found, wanted| Err(FrameError::Marker { frame: expected, field, found, expected: wanted });
         // A renderer that was killed had completed it, but not given it back.
         let is_stale = self.is_stale(Sequence::new(marker.sequence));
-        let is_later = self.shape.has_gaps && (expected..self.shape.frames[1]).contains(&marker.frame);
-        if marker.frame != expected && !is_later && !is_stale {
-            return wrong("its number", marker.frame, expected);
+        let is_later = self.shape.has_gaps && (expected.get()..self.shape.frames[1]).contains(&marker.frame);
+        if marker.frame != expected.get() && !is_later && !is_stale {
+            return wrong("its number", marker.frame, expected.get());
         }
         let ahead = marker.sequence.wrapping_sub(self.sequence.get());
         if !is_stale && (ahead == 0 || ahead > if self.shape.has_gaps { MOST_LOST } else { 1 }) {
@@ -173,6 +181,7 @@ impl FrameReader {
         self.views.clear();
         self.view_count = 0;
         self.frame.tiles.clear();
+        self.frame.elevations.clear();
         self.frame.elevation_start = marker.elevation_start;
         self.frame.sequence = Sequence::new(marker.sequence);
         self.opened += 1;
@@ -189,7 +198,7 @@ impl FrameReader {
         self.view_count > 0 && self.views.len() == self.view_count as usize
     }
 
-    fn add_view(&mut self, frame: u64, slot: &ViewSlot) -> Result<(), FrameError> {
+    fn add_view(&mut self, frame: FrameNumber, slot: &ViewSlot) -> Result<(), FrameError> {
         let index = self.views.len();
         let wrong = |field, found, expected| Err(FrameError::Marker { frame, field, found, expected });
         let most = MAX_VIEWS as u64;
@@ -223,7 +232,23 @@ impl FrameReader {
         Ok(())
     }
 
-    fn add_tile(&mut self, frame: u64, tile: &TileSlot) -> Result<(), FrameError> {
+    fn add_elevation(&mut self, frame: FrameNumber, tile: &ElevationTile) -> Result<(), FrameError> {
+        let index = self.frame.elevations.len();
+        if index >= MAX_TILES {
+            let field = "the number of elevation tiles";
+            return Err(FrameError::Marker { frame, field, found: index as u64 + 1, expected: MAX_TILES as u64 });
+        }
+        let slots = self.shape.elevation_pool.map_or(0, |pool| pool.slots);
+        check_elevation(tile, &self.shape.world, slots).map_err(|fault| FrameError::Elevation {
+            frame,
+            index,
+            fault,
+        })?;
+        self.frame.elevations.push(*tile);
+        Ok(())
+    }
+
+    fn add_tile(&mut self, frame: FrameNumber, tile: &TileSlot) -> Result<(), FrameError> {
         let index = self.frame.tiles.len();
         let fail = |fault| Err(FrameError::Tile { frame, index, fault });
         if index >= MAX_TILES {
@@ -243,13 +268,13 @@ impl FrameReader {
         Ok(())
     }
 
-    fn close(&mut self, frame: u64, end: &FrameEnd) -> Result<(), FrameError> {
+    fn close(&mut self, frame: FrameNumber, end: &FrameEnd) -> Result<(), FrameError> {
         let count = self.frame.tiles.len() as u64;
         let start = self.frame.elevation_start;
         let arrays = end.elevation_end.wrapping_sub(start);
         let wrong = |field, found, expected| Err(FrameError::Marker { frame, field, found, expected });
-        if end.frame != frame {
-            return wrong("the number at its end", end.frame, frame);
+        if end.frame != frame.get() {
+            return wrong("the number at its end", end.frame, frame.get());
         }
         if u64::from(end.tile_count) != count {
             return wrong("the number of its tiles", u64::from(end.tile_count), count);
@@ -257,7 +282,21 @@ impl FrameReader {
         if arrays > self.shape.elevation_arrays {
             return wrong("the number of its elevation arrays", arrays, self.shape.elevation_arrays);
         }
-        let is_ours = |tile: &TileSlot| tile.elevation_position.wrapping_sub(start) < arrays;
+        let elevations = &self.frame.elevations;
+        if u64::from(end.elevation_tile_count) != elevations.len() as u64 {
+            let found = u64::from(end.elevation_tile_count);
+            return wrong("the number of its elevation tiles", found, elevations.len() as u64);
+        }
+        let is_ours = |tile: &TileSlot| {
+            if elevations.is_empty() {
+                return tile.elevation_position.wrapping_sub(start) < arrays;
+            }
+            let named = usize::try_from(tile.elevation_position).ok().and_then(|at| elevations.get(at)?.node());
+            named.is_some_and(|node| {
+                let origin = self.shape.world.node_origin(node).map(|v| v as u32);
+                node.q() == tile.elevation_level && origin == tile.elevation_origin
+            })
+        };
         if let Some(index) = self.frame.tiles.iter().position(|tile| !is_ours(tile)) {
             return Err(FrameError::Tile { frame, index, fault: TileFault::Elevation });
         }
@@ -267,7 +306,7 @@ impl FrameReader {
         }
         self.frame.end = *end;
         self.sequence = self.frame.sequence;
-        self.next = frame.saturating_add(1);
+        self.next = frame.next();
         Ok(())
     }
 

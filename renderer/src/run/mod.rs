@@ -15,7 +15,6 @@ use crate::technique::DrawError;
 use std::collections::VecDeque;
 use std::time::Duration;
 use terravision_common::event::monotonic_nanos;
-use terravision_common::ids::FrameNumber;
 use terravision_common::run::OPEN_END;
 use terravision_common::shm::{Activity, Counter};
 
@@ -225,7 +224,7 @@ impl<'a> FrameLoop<'a> {
             self.source.count(Counter::SlotsRejected, 1);
         }
         let submitted = submitted?;
-        let frame = FrameNumber::new(self.reader.frame().marker.frame);
+        let frame = self.reader.frame().number();
         telemetry::tell_of_recording(self.source, frame, started, &submitted);
         self.summary.uploads += u64::from(submitted.uploads);
         self.source.progress();
@@ -333,7 +332,7 @@ impl<'a> FrameLoop<'a> {
             self.unwritten.pop_front();
         }
         self.summary.frames += 1;
-        let written_up_to = (written.frame + 1).saturating_sub(self.shape.frames[0]);
+        let written_up_to = written.frame.next().get().saturating_sub(self.shape.frames[0]);
         telemetry::tell_of_written(self.source, &written);
         if !written.is_settled {
             self.summary.unsettled += 1;

@@ -39,7 +39,7 @@ pub(super) fn tell_of_finished<T: Telemetry + ?Sized>(telemetry: &mut T, finishe
     let before = if last_finished == 0 { finished.submitted_nanos } else { last_finished };
     let since_last = finished.finished_nanos.saturating_sub(before);
     telemetry.timed(&FrameTiming {
-        frame: finished.frame,
+        frame: finished.frame.get(),
         sequence: finished.sequence.get(),
         r_z_px: finished.r_px[0],
         r_c_px: finished.r_px[1],
@@ -49,9 +49,9 @@ pub(super) fn tell_of_finished<T: Telemetry + ?Sized>(telemetry: &mut T, finishe
         camera_nanos: finished.pose.timestamp_nanos(),
     });
     let draw = Event::new(EventContent::Span { name: SpanName::Draw, node: None });
-    let draw = draw.on_thread(1).of_frame(FrameNumber::new(finished.frame));
+    let draw = draw.on_thread(1).of_frame(finished.frame);
     telemetry.event(&draw.at(started).lasting(finished.finished_nanos.saturating_sub(started)));
-    let number = FrameNumber::new(finished.frame);
+    let number = finished.frame;
     for cost in finished.costs.iter() {
         let Some(nanos) = cost.nanos else { continue };
         let content = EventContent::FrameDraw { technique: cost.technique, view: cost.view as u8, tiles: cost.tiles };
@@ -65,8 +65,8 @@ pub(super) fn tell_of_finished<T: Telemetry + ?Sized>(telemetry: &mut T, finishe
 pub(super) fn tell_of_written<T: Telemetry + ?Sized>(telemetry: &mut T, written: &Written) {
     let (thread, end_nanos) = (2 + written.worker, written.started_nanos + written.duration_nanos);
     let encode = Event::new(EventContent::Span { name: SpanName::Encode, node: None });
-    let encode = encode.on_thread(thread).of_frame(FrameNumber::new(written.frame));
+    let encode = encode.on_thread(thread).of_frame(written.frame);
     telemetry.event(&encode.at(written.started_nanos).lasting(written.duration_nanos));
     let left = Event::new(EventContent::FrameWritten { is_settled: written.is_settled });
-    telemetry.event(&left.on_thread(thread).of_frame(FrameNumber::new(written.frame)).at(end_nanos));
+    telemetry.event(&left.on_thread(thread).of_frame(written.frame).at(end_nanos));
 }

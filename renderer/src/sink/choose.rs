@@ -72,7 +72,7 @@ fn picture_sink(sink: &SinkConfig, config: &RunConfig, written: u64) -> Result<B
         }
     };
     // Files of frames that were left out show the frame before.
-    Ok(if config.realtime.is_some() { Box::new(RepeatSink::new(made, config.frames, written)?) } else { made })
+    Ok(if config.realtime.is_some() { Box::new(RepeatSink::new(made, config.frame_numbers(), written)?) } else { made })
 }
 
 /// Sinks of all views, in the order of the rig, as one; `None` without any.
@@ -81,7 +81,7 @@ fn split_views(config: &RunConfig, mut sinks: Vec<Box<dyn FrameSink>>) -> Option
         None => sinks.pop(),
         Some(_) if sinks.is_empty() => None,
         Some(rig) => {
-            let names = rig.views.iter().map(|view| view.name.clone());
+            let names = rig.views().iter().map(|view| view.name.clone());
             Some(Box::new(SplitViewsSink::new(names.zip(sinks).collect())))
         }
     }

@@ -27,13 +27,14 @@ use crate::pixels::PixelPlaces;
 use std::io;
 use std::path::PathBuf;
 use terravision_common::camera::Camera;
+use terravision_common::ids::FrameNumber;
 use terravision_common::rig::Views;
 
 /// One finished picture.
 #[derive(Debug, Clone, Copy)]
 pub struct Picture<'a> {
     /// Number of the frame in its flight.
-    pub frame: u64,
+    pub frame: FrameNumber,
     /// Name of the one view that it shows; `None` where it shows all views of its frame.
     pub view: Option<&'a str>,
     /// Width and height, pixels.
@@ -129,7 +130,7 @@ pub enum SinkError {
         /// What it is.
         sink: &'static str,
         /// The frame.
-        frame: u64,
+        frame: FrameNumber,
         /// Its size.
         found: [u32; 2],
         /// The sink's.
@@ -183,7 +184,7 @@ pub trait FrameSink: Send {
     ///
     /// # Errors
     /// The file there is not a picture.
-    fn read_back(&mut self, _frame: u64) -> Result<Option<SizedRgba>, SinkError> {
+    fn read_back(&mut self, _frame: FrameNumber) -> Result<Option<SizedRgba>, SinkError> {
         Ok(None)
     }
 }

@@ -6,6 +6,7 @@ use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder, ImageError};
 use std::fs;
 use std::path::{Path, PathBuf};
+use terravision_common::ids::FrameNumber;
 use terravision_common::run::frame_file_name;
 
 /// Writes `frame-000000.png` and so on.
@@ -27,8 +28,8 @@ impl PngFolderSink {
 }
 
 impl PngFolderSink {
-    fn path(&self, frame: u64) -> PathBuf {
-        self.folder.join(frame_file_name(frame, "png"))
+    fn path(&self, frame: FrameNumber) -> PathBuf {
+        self.folder.join(frame_file_name(frame.get(), "png"))
     }
 }
 
@@ -41,7 +42,7 @@ impl FrameSink for PngFolderSink {
         Ok(())
     }
 
-    fn read_back(&mut self, frame: u64) -> Result<Option<SizedRgba>, SinkError> {
+    fn read_back(&mut self, frame: FrameNumber) -> Result<Option<SizedRgba>, SinkError> {
         let path = self.path(frame);
         let picture = image::open(&path).map_err(|error| match error {
             ImageError::IoError(source) => failure(&path, source),

@@ -4,17 +4,19 @@
 
 use super::{FrameSink, Picture, SinkError, SizedRgba};
 use crate::pixels::PixelPlaces;
+use std::ops::Range;
 use terravision_common::camera::Camera;
+use terravision_common::ids::FrameNumber;
 use terravision_common::rig::Views;
 use terravision_common::run::OPEN_END;
 
 /// Fills the gaps between the frames that another sink is given.
 pub struct RepeatSink {
     inner: Box<dyn FrameSink>,
-    /// First frame of the flight, and one past the last.
-    frames: [u64; 2],
+    /// The frames of the flight.
+    frames: Range<FrameNumber>,
     /// The frame that has to be written next.
-    next: u64,
+    next: FrameNumber,
     /// What was written last: size and pixels.
     last: Option<SizedRgba>,
 }
@@ -31,18 +33,19 @@ impl RepeatSink {
     ///
     /// # Errors
     /// What it wrote cannot be read.
-    pub fn new(mut inner: Box<dyn FrameSink>, frames: [u64; 2], written: u64) -> Result<Self, SinkError> {
-        let next = frames[0].saturating_add(written).min(frames[1]);
-        let last = if written > 0 { inner.read_back(next - 1)? } else { None };
+    pub fn new(mut inner: Box<dyn FrameSink>, frames: Range<FrameNumber>, written: u64) -> Result<Self, SinkError> {
+        let number = |written: u64| FrameNumber::new(frames.start.get().saturating_add(written)).min(frames.end);
+        let next = number(written);
+        let last = written.checked_sub(1).map_or(Ok(None), |before| inner.read_back(number(before)))?;
         Ok(Self { inner, frames, next, last })
     }
 
     /// Writes a picture for every frame before `until`.
-    fn repeat(&mut self, until: u64, picture: &Picture<'_>) -> Result<(), SinkError> {
+    fn repeat(&mut self, until: FrameNumber, picture: &Picture<'_>) -> Result<(), SinkError> {
         while self.next < until {
             let stand_in = Picture { frame: self.next, reversed_depth: None, is_settled: false, ..*picture };
             self.inner.write(&stand_in)?;
-            self.next += 1;
+            self.next = self.next.next();
         }
         Ok(())
     }
@@ -63,7 +66,7 @@ impl FrameSink for RepeatSink {
             _ => self.repeat(picture.frame, picture)?,
         }
         self.inner.write(picture)?;
-        self.next = picture.frame.saturating_add(1);
+        self.next = picture.frame.next();
         let (size, rgba) = self.last.get_or_insert_default();
         *size = picture.size;
         rgba.clear();
@@ -74,13 +77,13 @@ impl FrameSink for RepeatSink {
     fn finish(&mut self) -> Result<(), SinkError> {
         // Only what went with a renderer that was killed is missing here; a flight without a known
         // end ends where it ends.
-        if let Some((size, rgba)) = self.last.take().filter(|_| self.frames[1] != OPEN_END) {
+        if let Some((size, rgba)) = self.last.take().filter(|_| self.frames.end.get() != OPEN_END) {
             let views = Views::single(&Camera::default());
             let (frame, rgba) = (self.next, &rgba);
             let on_device = None;
             let last =
                 Picture { frame, view: None, size, rgba, reversed_depth: None, on_device, views, is_settled: false };
-            self.repeat(self.frames[1], &last)?;
+            self.repeat(self.frames.end, &last)?;
         }
         self.inner.finish()
     }
@@ -101,7 +104,7 @@ mod tests {
 
     impl FrameSink for Log {
         fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
-            self.written.lock().unwrap().push((picture.frame, picture.rgba[0]));
+            self.written.lock().unwrap().push((picture.frame.get(), picture.rgba[0]));
             Ok(())
         }
 
@@ -109,7 +112,7 @@ mod tests {
             Ok(())
         }
 
-        fn read_back(&mut self, _frame: u64) -> Result<Option<SizedRgba>, SinkError> {
+        fn read_back(&mut self, _frame: FrameNumber) -> Result<Option<SizedRgba>, SinkError> {
             Ok(self.left.take())
         }
     }
@@ -118,7 +121,7 @@ mod tests {
         let written = Written::default();
         let left = left.map(|byte| ([1, 1], vec![byte; 4]));
         let log = Log { written: Arc::clone(&written), left };
-        fill(RepeatSink::new(Box::new(log), [5, 10], before).unwrap(), frames);
+        fill(RepeatSink::new(Box::new(log), FrameNumber::new(5)..FrameNumber::new(10), before).unwrap(), frames);
         written.lock().unwrap().clone()
     }
 
@@ -127,6 +130,7 @@ mod tests {
             let rgba = [frame as u8; 4];
             let views = Views::single(&Camera::default());
             let (size, rgba, reversed_depth, on_device) = ([1, 1], &rgba[..], None, None);
+            let frame = FrameNumber::new(frame);
             let picture = Picture { frame, view: None, size, rgba, reversed_depth, on_device, views, is_settled: true };
             sink.write(&picture).unwrap();
         }
@@ -137,7 +141,7 @@ mod tests {
     fn a_flight_without_a_known_end_ends_with_its_last_frame() {
         let written = Written::default();
         let log = Log { written: Arc::clone(&written), left: None };
-        fill(RepeatSink::new(Box::new(log), [0, OPEN_END], 0).unwrap(), &[0, 2]);
+        fill(RepeatSink::new(Box::new(log), FrameNumber::new(0)..FrameNumber::new(OPEN_END), 0).unwrap(), &[0, 2]);
         assert_eq!(*written.lock().unwrap(), [(0, 0), (1, 0), (2, 2)]);
     }
 

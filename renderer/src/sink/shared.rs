@@ -55,7 +55,7 @@ impl FrameSink for SharedSink {
         let ground = view.positions(reversed, width).zip(is_told());
         let ground = ground.map(|(at, is_nan)| if is_nan { [f64::NAN; 3] } else { at });
         let Picture { frame, is_settled, .. } = picture;
-        let info = FrameInfo::new(*frame, picture.camera(), self.origin, *is_settled, monotonic_nanos());
+        let info = FrameInfo::new(frame.get(), picture.camera(), self.origin, *is_settled, monotonic_nanos());
         self.ring.write(&info, picture.rgba, depth, ground)?;
         Ok(())
     }

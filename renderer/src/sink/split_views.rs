@@ -76,6 +76,7 @@ mod tests {
     use super::*;
     use std::sync::{Arc, Mutex};
     use terravision_common::camera::{Camera, CameraFields};
+    use terravision_common::ids::FrameNumber;
 
     type Log = Arc<Mutex<Vec<(String, [u32; 2], Vec<u8>, Vec<f32>)>>>;
 
@@ -106,7 +107,7 @@ mod tests {
         let rgba: Vec<u8> = (0..8).flat_map(|n| [n, 0, 0, 255]).collect();
         let depth: Vec<f32> = (0..8u8).map(f32::from).collect();
         let picture = Picture {
-            frame: 3,
+            frame: FrameNumber::new(3),
             view: None,
             size: [4, 2],
             rgba: &rgba,

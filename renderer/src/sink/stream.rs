@@ -52,7 +52,7 @@ impl<W: Write + Send> FrameSink for StreamSink<W> {
                 &self.encoded
             }
         };
-        let header = PacketHeader { frame: picture.frame, bytes: bytes.len() as u64 };
+        let header = PacketHeader { frame: picture.frame.get(), bytes: bytes.len() as u64 };
         let written = self.out.write_all(&header.to_bytes()).and_then(|()| self.out.write_all(bytes));
         written.map_err(|source| match source.kind() {
             io::ErrorKind::BrokenPipe => SinkError::ReaderGone { frames: self.frames },
@@ -86,10 +86,12 @@ fn pad(picture: &Picture<'_>, out: &mut Vec<u8>) {
 mod tests {
     use super::*;
     use terravision_common::camera::Camera;
+    use terravision_common::ids::FrameNumber;
     use terravision_common::rig::Views;
 
     fn picture(frame: u64, size: [u32; 2], rgba: &[u8]) -> Picture<'_> {
         let views = Views::single(&Camera::default());
+        let frame = FrameNumber::new(frame);
         Picture { frame, view: None, size, rgba, reversed_depth: None, on_device: None, views, is_settled: true }
     }
 

@@ -41,7 +41,7 @@ impl DepthSink {
 
 impl FrameSink for DepthSink {
     fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
-        let path = self.target.path(picture.frame);
+        let path = self.target.path(picture.frame.get());
         let depths = picture.reversed_depth.ok_or_else(|| SinkError::NoDepth { path: path.clone() })?;
         let pixels = depths.iter().map(|&depth| depth_m(depth) as f32).zip(picture.made_up());
         match self.made_up {
@@ -93,7 +93,7 @@ impl GroundSink {
 
 impl FrameSink for GroundSink {
     fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
-        let path = self.target.path(picture.frame);
+        let path = self.target.path(picture.frame.get());
         let depths = picture.reversed_depth.ok_or_else(|| SinkError::NoDepth { path: path.clone() })?;
         let width = picture.size[0] as usize;
         let view = GroundView::new(picture.camera(), self.origin, self.exaggeration);
@@ -238,6 +238,7 @@ where
 mod tests {
     use super::*;
     use terravision_common::camera::CameraFields;
+    use terravision_common::ids::FrameNumber;
     use terravision_common::rig::Views;
 
     #[test]
@@ -254,7 +255,7 @@ mod tests {
         let depths: Vec<f32> = (0..400 * 900u32).map(|k| k as f32).collect();
         let rgba = vec![255; 4 * depths.len()];
         let mut sink = DepthSink::new(&PlaneTarget::Folder(folder.clone())).unwrap();
-        for frame in [3, 4] {
+        for frame in [3, 4].map(FrameNumber::new) {
             let (views, reversed_depth) = (Views::single(&Camera::default()), Some(&depths[..]));
             let (rgba, on_device) = (&rgba[..], None);
             let picture = Picture { frame, view: None, size, rgba, reversed_depth, on_device, views, is_settled: true };
@@ -309,7 +310,7 @@ mod tests {
         let (rgba, depths) =
             ([9, 9, 9, 255, 9, 9, 9, 254, 9, 9, 9, 255], [(NEAR_M / 800.0) as f32, (NEAR_M / 800.0) as f32, 0.0]);
         let (views, reversed_depth) = (Views::single(&camera), Some(&depths[..]));
-        let (frame, size, rgba, on_device) = (0, [3, 1], &rgba[..], None);
+        let (frame, size, rgba, on_device) = (FrameNumber::new(0), [3, 1], &rgba[..], None);
         let picture = Picture { frame, view: None, size, rgba, reversed_depth, on_device, views, is_settled: true };
         let folder = std::env::temp_dir().join(format!("terravision-tiff-{}", std::process::id()));
         std::fs::create_dir_all(&folder).unwrap();

@@ -12,7 +12,7 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync
 use std::thread::JoinHandle;
 use std::time::Duration;
 use terravision_common::event::monotonic_nanos;
-use terravision_common::ids::Sequence;
+use terravision_common::ids::{FrameNumber, Sequence};
 
 /// Frames that wait for one worker, at most. More than there are read-back buffers: handing one
 /// over does not wait.
@@ -22,7 +22,7 @@ const QUEUE: usize = 24;
 #[derive(Debug)]
 pub struct Written {
     /// Its number.
-    pub frame: u64,
+    pub frame: FrameNumber,
     /// Counts the frames of the run from 1.
     pub sequence: Sequence,
     /// Whether every tile that it wanted was there.

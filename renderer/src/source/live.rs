@@ -1,6 +1,6 @@
 //! Frames from the shared memory of a run.
 
-use super::{Completion, Done, FrameSource, Pools, Slots, SourceError, SourceShape, Telemetry};
+use super::{Completion, Done, ElevationPoolShape, FrameSource, Pools, Slots, SourceError, SourceShape, Telemetry};
 use crate::gpu::HostMemory;
 use std::sync::Arc;
 use terravision_common::event::Event;
@@ -20,6 +20,8 @@ pub struct LiveSource {
     ring: Consumer<Slot>,
     elevation: ElevationReader,
     colors: PoolReader,
+    /// The elevation pool, where heights are read out of it in place.
+    elevation_pool: Option<PoolReader>,
     events: Option<Producer<Event>>,
     world: World,
     frames: [u64; 2],
@@ -51,13 +53,37 @@ impl LiveSource {
         if colors.slot_bytes() < tile_bytes {
             return Err(SourceError::ColorSlotSize { found: colors.slot_bytes(), expected: tile_bytes });
         }
-        Ok(Self { control, ring, elevation, colors, events, world, frames, has_gaps: false, texels, tile_bytes })
+        Ok(Self {
+            control,
+            ring,
+            elevation,
+            colors,
+            elevation_pool: None,
+            events,
+            world,
+            frames,
+            has_gaps: false,
+            texels,
+            tile_bytes,
+        })
     }
 
     /// Frames may be left out, as in realtime mode.
     #[must_use]
     pub fn with_gaps(self, has_gaps: bool) -> Self {
         Self { has_gaps, ..self }
+    }
+
+    /// Frames may name tiles of the elevation pool.
+    ///
+    /// # Errors
+    /// It does not fit the world.
+    pub fn with_elevation_pool(self, pool: PoolReader) -> Result<Self, SourceError> {
+        let (found, expected) = (pool.slot_bytes() / 4, self.world.elevation_values() as u64);
+        if found < expected {
+            return Err(SourceError::ElevationArraySize { found, expected });
+        }
+        Ok(Self { elevation_pool: Some(pool), ..self })
     }
 
     /// How far frames are done with, by this renderer or those before it.
@@ -92,6 +118,10 @@ impl FrameSource for LiveSource {
             done: self.done(),
             is_resumed: self.control.generation_of(Stage::Renderer) > 1,
             color_slots: self.colors.capacity(),
+            elevation_pool: self
+                .elevation_pool
+                .as_ref()
+                .map(|pool| ElevationPoolShape { slots: pool.capacity(), stride: pool.stride_f32() }),
             texels: self.texels,
             frames: self.frames,
             has_gaps: self.has_gaps,
@@ -142,6 +172,14 @@ impl Pools for LiveSource {
         };
         out.copy_from_slice(values);
         Ok(true)
+    }
+
+    fn elevation_pool(&self) -> &[f32] {
+        self.elevation_pool.as_ref().map_or(&[], PoolReader::all_f32)
+    }
+
+    fn has_elevation_tile(&self, key: SlotKey) -> bool {
+        self.elevation_pool.as_ref().is_some_and(|pool| pool.bytes(key).is_some())
     }
 
     fn color_offset(&mut self, key: SlotKey) -> Option<u64> {

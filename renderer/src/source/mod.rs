@@ -32,12 +32,23 @@ pub struct SourceShape {
     pub is_resumed: bool,
     /// Slots of the colour pool.
     pub color_slots: u32,
+    /// The elevation pool, where it is read.
+    pub elevation_pool: Option<ElevationPoolShape>,
     /// How it holds its tiles.
     pub texels: TexelFormat,
     /// First frame, and one past the last.
     pub frames: [u64; 2],
     /// Whether frames may be left out (realtime); the last one never is.
     pub has_gaps: bool,
+}
+
+/// How an elevation pool holds its tiles.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ElevationPoolShape {
+    /// Slots.
+    pub slots: u32,
+    /// Numbers from the beginning of a slot to that of the next.
+    pub stride: u32,
 }
 
 /// How far the frames of a source are done with.
@@ -134,6 +145,13 @@ pub trait Pools {
     /// # Errors
     /// The source is damaged.
     fn read_elevation(&mut self, position: u64, out: &mut [f32]) -> Result<bool, SourceError>;
+
+    /// The whole elevation pool, as numbers, where it is read. Those of a frame's tiles do not change
+    /// as long as the frame is not done with; no others are read.
+    fn elevation_pool(&self) -> &[f32];
+
+    /// Whether a slot of the elevation pool holds this generation.
+    fn has_elevation_tile(&self, key: SlotKey) -> bool;
 
     /// Byte offset of a colour tile in [`Pools::color_memory`]; `None` when the slot holds another
     /// generation.

@@ -1,16 +1,19 @@
 //! Frames recorded in memory: for tests, and for benches that feed the renderer without the stages
 //! before it.
 
-use super::{Completion, Done, FrameSource, Pools, Slots, SourceError, SourceShape, Telemetry};
+use super::{Completion, Done, ElevationPoolShape, FrameSource, Pools, Slots, SourceError, SourceShape, Telemetry};
 use crate::gpu::HostMemory;
 use std::collections::HashMap;
 use std::sync::Arc;
 use terravision_common::event::Event;
 use terravision_common::ids::{RingPosition, SlotKey};
+use terravision_common::node::NodeId;
 use terravision_common::rate::FrameTiming;
 use terravision_common::rig::Views;
 use terravision_common::shm::Counter;
-use terravision_common::slot::{FrameEnd, FrameMarker, Slot, SlotContent, TileSlot, ViewSlot};
+use terravision_common::slot::{
+    ElevationSlot, ElevationTile, FrameEnd, FrameMarker, Slot, SlotContent, TileSlot, ViewSlot,
+};
 use terravision_common::texels::TexelFormat;
 use terravision_common::world::World;
 
@@ -21,6 +24,8 @@ pub struct RecordedFrame {
     pub marker: FrameMarker,
     /// Its views.
     pub views: Views,
+    /// Tiles of the elevation pool in which its heights lie; empty where it has arrays.
+    pub elevations: Vec<ElevationTile>,
     /// Its tiles, near to far.
     pub tiles: Vec<TileSlot>,
     /// Its last slot.
@@ -35,6 +40,8 @@ pub struct Recording {
     frames: Vec<RecordedFrame>,
     elevations: HostMemory,
     arrays: u64,
+    /// The elevation pool, slots as long as arrays.
+    pool: Vec<f32>,
     colors: HostMemory,
     /// Where each colour tile lies.
     color_offsets: HashMap<SlotKey, u64>,
@@ -54,10 +61,15 @@ impl Recording {
         &self.world
     }
 
+    fn pool_shape(&self) -> ElevationPoolShape {
+        let stride = self.world.elevation_values();
+        ElevationPoolShape { slots: (self.pool.len() / stride) as u32, stride: stride as u32 }
+    }
+
     /// Bytes of elevations and colours.
     #[must_use]
     pub fn total_bytes(&self) -> u64 {
-        (self.elevations.len() + self.colors.len()) as u64
+        (self.elevations.len() + size_of_val(&self.pool[..]) + self.colors.len()) as u64
     }
 }
 
@@ -68,6 +80,7 @@ pub struct RecordingBuilder {
     texels: TexelFormat,
     frames: Vec<RecordedFrame>,
     elevations: Vec<f32>,
+    pool: Vec<f32>,
     colors: Vec<u8>,
     color_offsets: HashMap<SlotKey, u64>,
     color_slots: u32,
@@ -82,6 +95,7 @@ impl RecordingBuilder {
             texels: TexelFormat::Rgba8,
             frames: Vec::new(),
             elevations: Vec::new(),
+            pool: Vec::new(),
             colors: Vec::new(),
             color_offsets: HashMap::new(),
             color_slots: 1,
@@ -102,6 +116,15 @@ impl RecordingBuilder {
         self.elevations.extend_from_slice(&values[..values.len().min(count)]);
         self.elevations.resize(start + count, 0.0);
         self.arrays() - 1
+    }
+
+    /// Adds a tile of the elevation pool (its posts, metres, row 0 south) in a slot of its own.
+    pub fn add_elevation_tile(&mut self, node: NodeId, values: &[f32]) -> ElevationTile {
+        let count = self.world.elevation_values();
+        let slot = self.pool.len() / count;
+        self.pool.extend_from_slice(&values[..values.len().min(count)]);
+        self.pool.resize((slot + 1) * count, 0.0);
+        ElevationTile::new(node, SlotKey::new(slot as u32, 1))
     }
 
     /// Number of arrays so far.
@@ -136,6 +159,7 @@ impl RecordingBuilder {
             world: self.world,
             texels: self.texels,
             frames: self.frames,
+            pool: self.pool,
             elevations: HostMemory::copy_of(bytemuck::cast_slice(&self.elevations)),
             colors: HostMemory::copy_of(&self.colors),
             color_offsets: self.color_offsets,
@@ -193,6 +217,7 @@ impl FrameSource for RecordedSource {
             done: Done::default(),
             is_resumed: false,
             color_slots: self.recording.color_slots,
+            elevation_pool: Some(self.recording.pool_shape()).filter(|pool| pool.slots > 0),
             texels: self.recording.texels,
             frames: [first, first + self.laps * self.recording.frames.len() as u64],
             has_gaps: false,
@@ -209,6 +234,8 @@ impl Slots for RecordedSource {
         let frames = self.lap * self.recording.frames.len() as u64;
         let arrays = self.lap * self.recording.arrays;
         let views = frame.views.len();
+        let elevation_slots = frame.elevations.len().div_ceil(ElevationSlot::MOST);
+        let before_tiles = 1 + views + elevation_slots;
         let content = if self.slot == 0 {
             let before = self.frame.checked_sub(1).and_then(|before| self.recording.frames.get(before));
             SlotContent::Marker(FrameMarker {
@@ -221,8 +248,12 @@ impl Slots for RecordedSource {
         } else if let Some(view) = frame.views.get(self.slot - 1) {
             let (index, count) = (self.slot as u32 - 1, views as u32);
             SlotContent::View(ViewSlot { camera: *view.camera.fields(), at: view.at, index, count })
-        } else if let Some(tile) = frame.tiles.get(self.slot - 1 - views) {
-            SlotContent::Tile(TileSlot { elevation_position: tile.elevation_position.wrapping_add(arrays), ..*tile })
+        } else if self.slot < before_tiles {
+            let named = frame.elevations.chunks(ElevationSlot::MOST).nth(self.slot - 1 - views);
+            SlotContent::Elevation(ElevationSlot::of(named.unwrap_or_default()))
+        } else if let Some(tile) = frame.tiles.get(self.slot - before_tiles) {
+            let by = if frame.elevations.is_empty() { arrays } else { 0 };
+            SlotContent::Tile(TileSlot { elevation_position: tile.elevation_position.wrapping_add(by), ..*tile })
         } else {
             let end = frame.end;
             SlotContent::End(FrameEnd {
@@ -233,7 +264,7 @@ impl Slots for RecordedSource {
         };
         self.slot += 1;
         self.position += 1;
-        if self.slot > views + frame.tiles.len() + 1 {
+        if self.slot > before_tiles + frame.tiles.len() {
             (self.slot, self.frame) = (0, self.frame + 1);
             if self.frame == self.recording.frames.len() {
                 (self.frame, self.lap) = (0, self.lap + 1);
@@ -278,6 +309,14 @@ impl Pools for RecordedSource {
         let Some(values) = all.get(start as usize..start as usize + out.len()) else { return Ok(false) };
         out.copy_from_slice(values);
         Ok(true)
+    }
+
+    fn elevation_pool(&self) -> &[f32] {
+        &self.recording.pool
+    }
+
+    fn has_elevation_tile(&self, key: SlotKey) -> bool {
+        key.generation.get() == 1 && key.slot.get() < self.recording.pool_shape().slots
     }
 
     fn color_offset(&mut self, key: SlotKey) -> Option<u64> {

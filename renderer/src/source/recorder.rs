@@ -88,8 +88,10 @@ impl<S: FrameSource> Recorder<S> {
                 }
                 self.frame_start = Some(end.elevation_end);
                 let end = terravision_common::slot::FrameEnd { elevation_end: first + count, ..end };
-                self.builder.add_frame(RecordedFrame { marker, views, tiles, end });
+                self.builder.add_frame(RecordedFrame { marker, views, elevations: Vec::new(), tiles, end });
             }
+            // A recording has arrays.
+            Some(SlotContent::Elevation(_)) => self.marker = None,
             None => {}
         }
         Ok(())
@@ -141,6 +143,14 @@ impl<S: FrameSource> Pools for Recorder<S> {
 
     fn read_elevation(&mut self, position: u64, out: &mut [f32]) -> Result<bool, SourceError> {
         self.inner.read_elevation(position, out)
+    }
+
+    fn elevation_pool(&self) -> &[f32] {
+        self.inner.elevation_pool()
+    }
+
+    fn has_elevation_tile(&self, key: SlotKey) -> bool {
+        self.inner.has_elevation_tile(key)
     }
 
     fn color_offset(&mut self, key: SlotKey) -> Option<u64> {

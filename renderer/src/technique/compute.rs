@@ -96,7 +96,7 @@ impl ComputeRays {
         places: ArrayPlaces<'_>,
     ) -> Result<(), DrawError> {
         let (world, surface) = (&self.world, self.world.surface());
-        let fail = |index: usize, fault: TileFault| FrameError::Tile { frame: frame.marker.frame, index, fault };
+        let fail = |index: usize, fault: TileFault| FrameError::Tile { frame: frame.number(), index, fault };
         let camera = &frame.views[draw.view.min(frame.views.len() - 1)].camera;
         self.tiles.clear();
         self.tree.clear(world.elevation_tile().ilog2(), u32::from(world.root().q()));

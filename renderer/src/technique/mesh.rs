@@ -150,7 +150,7 @@ impl MeshTechnique {
         }
         for (index, tile) in frame.tiles.iter().enumerate() {
             let array = tile.elevation_position.wrapping_sub(frame.elevation_start) as usize;
-            let (frame, fault) = (frame.marker.frame, TileFault::Elevation);
+            let (frame, fault) = (frame.number(), TileFault::Elevation);
             let start = places.starts.get(array).ok_or(FrameError::Tile { frame, index, fault })?;
             self.tiles.push(tile_parameters(tile, &self.world, cell, *start));
         }

@@ -7,8 +7,8 @@ use terravision_common::node::NodeId;
 use terravision_common::slot::TileSlot;
 use terravision_common::validity::PLANES;
 use terravision_common::world::World;
-use terravision_raycast::model::TileSpec;
 use terravision_raycast::model::color::ColorPlace;
+use terravision_raycast::model::{PatchSpec, TileSpec};
 
 /// Reads blocks; keeps its buffers.
 #[derive(Debug)]
@@ -29,6 +29,12 @@ impl BlockReader {
         let planes =
             std::array::from_fn(|plane| Vec::with_capacity(if plane < world.elevation_planes() { posts } else { 0 }));
         Self { world: *world, array: vec![0.0; world.elevation_values()], position: None, planes }
+    }
+
+    /// The world.
+    #[must_use]
+    pub fn world(&self) -> World {
+        self.world
     }
 
     /// The tile of a checked slot: all of its colour leaf, also what was culled, with the colours
@@ -88,6 +94,22 @@ impl BlockReader {
             color: ColorPlace::of_tile(&self.world, layer, tile.color_origin, tile.color_level),
             is_accurate: true,
         }))
+    }
+
+    /// The part of a ground in place that a checked slot is: all of its colour leaf, with the colours
+    /// of this layer.
+    ///
+    /// # Errors
+    /// What is wrong with the slot.
+    pub fn patch(&self, tile: &TileSlot, layer: u32) -> Result<PatchSpec, TileFault> {
+        let SlotBlock { node, cells, .. } = block_of(&self.world, tile).ok_or(TileFault::Block)?;
+        Ok(PatchSpec {
+            origin: self.world.node_origin(node).map(|v| v as u32),
+            level: node.q(),
+            log_spacing: tile.elevation_level + tile.grid_snap,
+            cells,
+            color: ColorPlace::of_tile(&self.world, layer, tile.color_origin, tile.color_level),
+        })
     }
 
     /// A frame begins: no array has been read.

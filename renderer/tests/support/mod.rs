@@ -155,7 +155,7 @@ impl<'a> Scene<'a> {
             elevation_end: self.builder.arrays(),
             ..FrameEnd::zeroed()
         };
-        self.builder.add_frame(RecordedFrame { marker, views, tiles, end });
+        self.builder.add_frame(RecordedFrame { marker, views, elevations: Vec::new(), tiles, end });
         self.frame += 1;
     }
 

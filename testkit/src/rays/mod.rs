@@ -1,13 +1,13 @@
 //! Rays to compare with: the paper's, which prove nothing, and plain ones, which take nothing over.
 
 mod field;
+mod pool;
 
 pub use field::{Field, UNIT_M, camera, noise};
+pub use pool::PooledField;
 
-use terravision_common::camera::Camera;
-use terravision_raycast::model::Ground;
 use terravision_raycast::view::Ray;
-use terravision_raycast::{CastOptions, Caster, Counts, Method, Picture, StartRule, Steepness, Unproven};
+use terravision_raycast::{CastOptions, CastTask, Caster, Counts, Method, StartRule, Steepness, Unproven};
 
 /// A way of casting rays: one of the program's, or one to compare with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -33,28 +33,19 @@ pub enum AnyMethod {
 
 impl AnyMethod {
     /// Draws a picture with [`Caster::draw`], its options but for the method.
-    pub fn draw(
-        self,
-        caster: &mut Caster,
-        ground: &Ground,
-        colors: &[&[u8]],
-        camera: &Camera,
-        options: &CastOptions,
-        picture: &Picture,
-    ) -> Counts {
+    pub fn draw(self, caster: &mut Caster, task: &CastTask<'_>) -> Counts {
         let method = match self {
             Self::Coherent | Self::Plain | Self::FromEye | Self::ForwardOnly => Method::Coherent,
             Self::Mipmap | Self::PlainMipmap => Method::Mipmap,
             Self::Sweep => Method::Sweep,
         };
-        let options = CastOptions { method, ..*options };
+        let options = CastOptions { method, ..*task.options };
+        let task = CastTask { options: &options, ..*task };
         match self {
-            Self::Coherent | Self::Mipmap | Self::Sweep => caster.draw(ground, colors, camera, &options, picture),
-            Self::Plain | Self::PlainMipmap => {
-                caster.draw_by(&Plain::<true>, ground, colors, camera, &options, picture)
-            }
-            Self::FromEye => caster.draw_by(&Plain::<false>, ground, colors, camera, &options, picture),
-            Self::ForwardOnly => caster.draw_by(&ForwardOnly, ground, colors, camera, &options, picture),
+            Self::Coherent | Self::Mipmap | Self::Sweep => caster.draw(&task),
+            Self::Plain | Self::PlainMipmap => caster.draw_by(&Plain::<true>, &task),
+            Self::FromEye => caster.draw_by(&Plain::<false>, &task),
+            Self::ForwardOnly => caster.draw_by(&ForwardOnly, &task),
         }
     }
 }

@@ -71,6 +71,27 @@ impl PoolReader {
         bytes(&self.segment, key)
     }
 
+    /// Numbers from the beginning of a slot to that of the next.
+    #[must_use]
+    pub fn stride_f32(&self) -> u32 {
+        (self.segment.geometry().stride / 4) as u32
+    }
+
+    /// All slots as numbers, one behind the other, [`PoolReader::stride_f32`] apart.
+    ///
+    /// Only the numbers of slots that a frame names which is not completed, of the generation that
+    /// it names, are those of a tile, and do not change: read no others.
+    #[must_use]
+    pub fn all_f32(&self) -> &[f32] {
+        let geometry = self.segment.geometry();
+        let len = geometry.capacity * geometry.stride / 4;
+        // SAFETY: slots that frames in flight name are published and not refilled, as in
+        // `PoolReader::bytes`. Others may be filled by the prefetcher while this slice lives: by the
+        // protocol above nobody loads a number of theirs, any bits are a number, and no length or
+        // index is taken from them.
+        unsafe { self.segment.region().slice(geometry.data_offset, len) }
+    }
+
     /// The content of a slot; `None` for a slot that does not exist.
     #[must_use]
     pub fn info(&self, slot: SlotIndex) -> Option<SlotInfo> {

@@ -1,22 +1,21 @@
-//! Which vector instructions work is done with. The same bits by all of them: kernels add,
-//! subtract, multiply, divide and compare, which are exact to the bit everywhere, and nothing is
-//! contracted to a fused multiply-add, which Rust never does by itself.
-//!
-//! Kernels are plain loops over arrays. What differs is which instructions the compiler may make of
-//! them, and that a processor has them is found out when the program runs.
-
+//! Which vector instructions work is done with, found out when the program runs. The same bits by
+//! all of them (`common::simd`).
 #![cfg_attr(
     target_arch = "x86_64",
     expect(unsafe_code, reason = "a function for processors with certain instructions is called where they are")
 )]
 
+#[cfg(target_arch = "x86_64")]
+use super::{Avx2, Avx512};
+use super::{Portable, Simd};
+
 /// What is done by whichever instructions there are. Implementations are inlined as a whole, or
 /// they gain nothing.
-pub(crate) trait Work {
+pub trait Work {
     /// What comes of it.
     type Output;
     /// Does it.
-    fn run(self) -> Self::Output;
+    fn run<S: Simd>(self, simd: S) -> Self::Output;
 }
 
 /// Vector instructions that this processor has.
@@ -75,9 +74,9 @@ impl Instructions {
     }
 
     /// Does work with them.
-    pub(crate) fn run<W: Work>(self, work: W) -> W::Output {
+    pub fn run<W: Work>(self, work: W) -> W::Output {
         match self.0 {
-            Set::Portable => work.run(),
+            Set::Portable => work.run(Portable),
             #[cfg(target_arch = "x86_64")]
             // SAFETY: `Set::Avx2` is made by `Instructions::all` alone, where the processor has AVX2.
             Set::Avx2 => unsafe { run_with_avx2(work) },
@@ -92,11 +91,13 @@ impl Instructions {
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2")]
 fn run_with_avx2<W: Work>(work: W) -> W::Output {
-    work.run()
+    // SAFETY: this function is called where the processor has AVX2.
+    work.run(unsafe { Avx2::new() })
 }
 
 #[cfg(target_arch = "x86_64")]
 #[target_feature(enable = "avx2,avx512f,avx512bw,avx512dq,avx512vl")]
 fn run_with_avx512<W: Work>(work: W) -> W::Output {
-    work.run()
+    // SAFETY: this function is called where the processor has AVX2 and these parts of AVX-512.
+    work.run(unsafe { Avx512::new() })
 }
