@@ -113,12 +113,7 @@ impl Crests<'_> {
                 if let Some(nodes) = self.nodes {
                     self.keep_leaves(nodes, q, block, &heights, (&mut out, &mut own));
                 }
-                // Behind the last column and row of posts there is no cell.
-                let [columns, rows] =
-                    [0, 1].map(|a| (cells.size()[a] - block.origin[a] as u64).min(block.size[a] as u64) as usize);
-                let own: Vec<f32> =
-                    own.chunks_exact(block.size[0]).take(rows).flat_map(|line| &line[..columns]).copied().collect();
-                cells.write(Rect::new(block.origin, [columns, rows]), &own).map_err(fail)?;
+                write_cells(&cells, block, &own).map_err(fail)?;
                 raised.write(block, &out).map_err(fail)
             },
         )?;
@@ -183,6 +178,17 @@ impl Finer<'_> {
         };
         Ok((0..cells.area()).map(top).collect())
     }
+}
+
+/// Writes the cells of a block of posts: behind the last column and row of posts there is none.
+fn write_cells(level: &Level<f32>, block: Rect, cells: &[f32]) -> io::Result<()> {
+    let [columns, rows] = [0, 1].map(|a| (level.size()[a] - block.origin[a] as u64).min(block.size[a] as u64) as usize);
+    if columns == 0 {
+        return Ok(());
+    }
+    let lines = cells.chunks_exact(block.size[0]).take(rows);
+    let cells: Vec<f32> = lines.flat_map(|line| &line[..columns]).copied().collect();
+    level.write(Rect::new(block.origin, [columns, rows]), &cells)
 }
 
 /// The highest of every 2 x 2 cells, from the column and row `first`.
@@ -271,7 +277,8 @@ mod tests {
     use crate::pyramid::elevation::coarser;
     use terravision_testkit::worlds;
 
-    const SIDE: u32 = 640;
+    /// So that the last block of level 1 is a single post.
+    const SIDE: u32 = 512;
 
     fn level(size: [u64; 2], f: impl Fn(usize, usize) -> f32) -> Level<f32> {
         let level = Level::create(&std::env::temp_dir(), size).unwrap();

@@ -29,7 +29,7 @@ pub struct PlanOptions {
 
 impl Default for PlanOptions {
     fn default() -> Self {
-        Self { elevation_tile: 16, color_tile: 256, spacing_m: None }
+        Self { elevation_tile: 32, color_tile: 256, spacing_m: None }
     }
 }
 
