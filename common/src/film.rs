@@ -47,6 +47,9 @@ pub enum FrameEncoding {
     /// Four bytes a pixel, RGBA. Sides are even, as 4:2:0 requires: the last column or row is
     /// repeated if necessary.
     Raw,
+    /// Three planes, Y, Cb and Cr, the latter two with half as many columns and rows (4:2:0):
+    /// BT.709, limited range. Sides are even as with [`FrameEncoding::Raw`].
+    Yuv420,
     /// `FRAME` and three planes, as in Y4M.
     Y4m,
 }
@@ -61,6 +64,7 @@ impl FrameEncoding {
         let pixels = |[width, height]: [u32; 2]| u64::from(width) * u64::from(height);
         match self {
             Self::Raw => 4 * pixels(even(size)),
+            Self::Yuv420 => 3 * pixels(even(size)) / 2,
             Self::Y4m => Y4M_FRAME.len() as u64 + 3 * pixels(size),
         }
     }
@@ -148,6 +152,7 @@ mod tests {
     #[test]
     fn frames_have_the_length_of_their_encoding() {
         assert_eq!(FrameEncoding::Raw.frame_bytes([3, 5]), 4 * 4 * 6);
+        assert_eq!(FrameEncoding::Yuv420.frame_bytes([3, 5]), 24 + 2 * 6);
         assert_eq!(FrameEncoding::Y4m.frame_bytes([3, 5]), 6 + 3 * 15);
         let header = y4m_header([3, 1], 25.0);
         assert_eq!(header, "YUV4MPEG2 W3 H1 F25:1 Ip A1:1 C444 XCOLORRANGE=LIMITED XTV_MATRIX=BT601\n");

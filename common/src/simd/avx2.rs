@@ -141,6 +141,15 @@ impl Simd for Avx2 {
     }
 
     #[inline(always)]
+    fn store_words(self, of: Words, to: &mut Sixteen<u32>) {
+        // SAFETY: as in `call`; there is room for sixteen numbers.
+        unsafe {
+            _mm256_storeu_si256(to.as_mut_ptr().cast(), of.0);
+            _mm256_storeu_si256(to.as_mut_ptr().add(8).cast(), of.1);
+        }
+    }
+
+    #[inline(always)]
     fn store_where(self, mask: Mask, of: Floats, to: &mut Sixteen<f32>) {
         let merged = self.select(mask, of, self.load(to));
         self.store(merged, to);

@@ -128,6 +128,12 @@ impl Simd for Avx512 {
     }
 
     #[inline(always)]
+    fn store_words(self, of: Words, to: &mut Sixteen<u32>) {
+        // SAFETY: as in `call`; there is room for sixteen numbers.
+        unsafe { _mm512_storeu_si512(to.as_mut_ptr().cast(), of.0) }
+    }
+
+    #[inline(always)]
     fn store_where(self, mask: Mask, of: Floats, to: &mut Sixteen<f32>) {
         // SAFETY: as in `call`; there is room for sixteen numbers.
         unsafe { _mm512_mask_storeu_ps(to.as_mut_ptr(), mask.0, of.0) }

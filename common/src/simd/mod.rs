@@ -67,6 +67,8 @@ pub trait Simd: Copy + Debug {
     fn load(self, from: &Sixteen<f32>) -> Self::Floats;
     /// Sixteen words from memory.
     fn load_words(self, from: &Sixteen<u32>) -> Self::Words;
+    /// Stores sixteen words.
+    fn store_words(self, of: Self::Words, to: &mut Sixteen<u32>);
     /// Stores sixteen floats.
     fn store(self, of: Self::Floats, to: &mut Sixteen<f32>);
     /// Stores the lanes of a mask, and leaves others.

@@ -81,6 +81,11 @@ impl Simd for Portable {
     }
 
     #[inline(always)]
+    fn store_words(self, of: Words, to: &mut Sixteen<u32>) {
+        *to = of.0;
+    }
+
+    #[inline(always)]
     fn store_where(self, mask: Mask, of: Floats, to: &mut Sixteen<f32>) {
         *to = self.select(mask, of, Floats(*to)).0;
     }

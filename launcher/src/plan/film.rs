@@ -1,5 +1,5 @@
-//! How a film is encoded: what `--codec`, `--crf` and the name of the file come to, and whether
-//! this machine's ffmpeg can do it.
+//! How a film is encoded: what `--codec`, `--crf`, `--preset` and the name of the file come to, and
+//! whether this machine's ffmpeg can do it.
 
 use crate::cli::film::FilmArgs;
 use crate::failure::Failure;
@@ -34,7 +34,7 @@ pub(super) fn format(path: &Path, args: &FilmArgs) -> Result<Option<FilmFormat>,
             path.display()
         )));
     }
-    let crf = match (codec.crf(), args.crf) {
+    let crf = match (codec.crf(args.preset), args.crf) {
         (Some((_, most)), Some(asked)) if asked > most => {
             return Err(Failure::bad_input(anyhow!(
                 "--crf {asked}: expected a number from 0 (best) to {most} for {}",
@@ -51,19 +51,24 @@ pub(super) fn format(path: &Path, args: &FilmArgs) -> Result<Option<FilmFormat>,
         }
         (None, None) => None,
     };
+    if let Some(preset) = args.preset.filter(|_| !codec.has_presets()) {
+        return Err(Failure::bad_input(anyhow!(
+            "--preset {}: {} has no such presets, expected h264 or h265; leave it out",
+            preset.name(),
+            codec.name()
+        )));
+    }
     has_encoder(codec, path)?;
-    Ok(Some(FilmFormat { container, codec, crf }))
+    Ok(Some(FilmFormat { container, codec, crf, preset: args.preset }))
 }
 
-/// `--codec` and `--crf` are for films.
+/// `--codec`, `--crf` and `--preset` are for films.
 ///
 /// # Errors
 /// Bad input: one is given.
 pub(super) fn refuse(args: &FilmArgs, output: &Path) -> Result<(), Failure> {
-    let flag = if args.codec.is_some() { "--codec" } else { "--crf" };
-    if args.codec.is_none() && args.crf.is_none() {
-        return Ok(());
-    }
+    let flags = [("--codec", args.codec.is_some()), ("--crf", args.crf.is_some()), ("--preset", args.preset.is_some())];
+    let Some((flag, _)) = flags.into_iter().find(|(_, is_given)| *is_given) else { return Ok(()) };
     Err(Failure::bad_input(anyhow!(
         "{flag} applies to films (.{}) only, not to -o {}",
         Container::EXTENSIONS.join(", ."),
@@ -133,6 +138,7 @@ fn parse_encoders(text: &str) -> Option<Vec<String>> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::stream::film::Preset;
 
     #[test]
     fn encoders_are_read_from_what_ffmpeg_says() {
@@ -145,13 +151,16 @@ mod tests {
 
     #[test]
     fn a_file_has_codecs_of_its_kind_and_factors_of_its_codec() {
-        let args = |codec, crf| FilmArgs { codec, crf };
+        let args = |codec, crf| FilmArgs { codec, crf, preset: None };
         let told = |path: &str, args: FilmArgs| format(Path::new(path), &args).unwrap_err().to_string();
         assert_eq!(told("a.webm", args(Some(Codec::H264), None)), "--codec h264: expected vp9 or av1 for a.webm");
         assert!(told("a.mov", args(Some(Codec::Av1), None)).contains("expected h264 or h265"));
         assert!(told("a.mp4", args(None, Some(52))).contains("from 0 (best) to 51 for h264"));
         assert!(told("a.gif", args(None, Some(5))).contains("256 colours"));
         assert!(told("a.mkv", args(Some(Codec::Ffv1), Some(5))).contains("lossless"));
+        let preset = |codec| FilmArgs { codec, crf: None, preset: Some(Preset::Slow) };
+        assert!(told("a.webm", preset(None)).contains("--preset slow: vp9 has no such presets"));
+        assert!(refuse(&preset(None), Path::new("x/")).unwrap_err().to_string().contains("--preset applies to films"));
         assert_eq!(format(Path::new("frames"), &args(None, None)).unwrap(), None);
         assert!(
             refuse(&args(None, Some(5)), Path::new("x/")).unwrap_err().to_string().contains("--crf applies to films")

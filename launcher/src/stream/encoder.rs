@@ -2,8 +2,8 @@
 //!
 //! What it is told of codecs stands in [`super::film`].
 
-use super::StreamError;
 use super::film::FilmFormat;
+use super::{PIPE_BYTES, StreamError};
 use crate::process::signals::killed_by;
 use crate::process::thread::in_thread;
 use rustix::process::{Pid, Signal, kill_process_group};
@@ -28,8 +28,9 @@ pub struct Encoder {
 }
 
 impl Encoder {
-    /// Starts `program` to make a film at `path`, of frames of RGBA of this size (made even),
-    /// playing at `fps`; the extension of `path` chooses the container.
+    /// Starts `program` to make a film at `path`, of frames of this size (made even) as its codec
+    /// takes them ([`super::film::Codec::encoding`]), playing at `fps`; the extension of `path` chooses
+    /// the container.
     ///
     /// # Errors
     /// [`StreamError::StartEncoder`].
@@ -44,7 +45,7 @@ impl Encoder {
         let mut command = Command::new(program);
         command
             .args(["-hide_banner", "-nostdin", "-loglevel", "error", "-y"])
-            .args(["-f", "rawvideo", "-pixel_format", "rgb0"])
+            .args(format.input_arguments())
             .args(["-video_size", &format!("{width}x{height}"), "-framerate", &format!("{n}/{d}"), "-i", "pipe:0"])
             .args(format.arguments())
             // SVT-AV1 introduces itself on standard error otherwise, where errors are expected.
@@ -57,6 +58,10 @@ impl Encoder {
             .process_group(0);
         let mut child = command.spawn().map_err(|source| StreamError::StartEncoder { source })?;
         let (stderr, stdin) = (child.stderr.take(), child.stdin.take());
+        if let Some(input) = &stdin {
+            // It may be more than a user is allowed to have.
+            rustix::pipe::fcntl_setpipe_size(input, PIPE_BYTES).ok();
+        }
         let mut encoder = Self { child, messages: None };
         let (Some(stderr), Some(input)) = (stderr, stdin) else {
             encoder.kill();

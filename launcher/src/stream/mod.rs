@@ -58,7 +58,7 @@ impl StreamTarget {
     #[must_use]
     pub fn encoding(&self) -> FrameEncoding {
         match self {
-            Self::Film { .. } => FrameEncoding::Raw,
+            Self::Film { format, .. } => format.codec.encoding(),
             Self::Stdout => FrameEncoding::Y4m,
         }
     }

@@ -147,7 +147,7 @@ fn targets_have_their_encodings() {
     assert_eq!(StreamTarget::Stdout.encoding(), FrameEncoding::Y4m);
     let film =
         StreamTarget::Film { path: "a.mp4".into(), temporary: ".a.part.mp4".into(), format: FilmFormat::usual() };
-    assert_eq!(film.encoding(), FrameEncoding::Raw);
+    assert_eq!(film.encoding(), FrameEncoding::Yuv420);
 }
 
 /// What is left of an ffmpeg that could write all but the end of the file.
@@ -183,7 +183,7 @@ fn film(path: &Path, size: [u32; 2]) -> Result<(), String> {
 
 fn film_of(path: &Path, format: FilmFormat, size: [u32; 2]) -> Result<(), String> {
     let (encoder, mut input) = Encoder::start("ffmpeg".as_ref(), path, format, size, 30.0).unwrap();
-    let bytes = FrameEncoding::Raw.frame_bytes(size);
+    let bytes = format.codec.encoding().frame_bytes(size);
     let frame: Vec<u8> = (0..bytes).map(|i| (i % 251) as u8).collect();
     // An encoder that gives up closes its input.
     (0..10).try_for_each(|_| input.write_all(&frame)).ok();
@@ -232,7 +232,7 @@ fn every_codec_makes_the_same_film_of_the_same_pictures() {
         let films = ["a", "b"].map(|stem| folder.join(format!("{stem}-{}.{name}", codec.name())));
         let container = Container::of(&films[0]).unwrap();
         assert!(container.codecs().contains(&codec));
-        let format = FilmFormat { container, codec, crf: codec.crf().map(|(usual, _)| usual) };
+        let format = FilmFormat { container, codec, crf: codec.crf(None).map(|(usual, _)| usual), preset: None };
         // SVT-AV1 takes no smaller pictures.
         films.iter().for_each(|path| film_of(path, format, [129, 65]).unwrap());
         assert_eq!(probe(&films[0]), format!("{found},130,66,10"), "{}", codec.name());

@@ -3,10 +3,10 @@
 use super::SweepDetail;
 use super::fan::Fan;
 use super::strip::{LINES, Strip, StripRow};
-use super::texels::{Points, TilePaint};
+use super::texels::{Points, Taps, TilePaint};
 use crate::model::color::ColorLayout;
 use crate::scene::Scene;
-use crate::shade::{Canvas, OPAQUE_BLACK};
+use crate::shade::Canvas;
 use glam::Vec3;
 use std::ops::Range;
 use terravision_common::simd::{LANES, Simd, Sixteen};
@@ -18,6 +18,11 @@ const ONE_SURFACE: f32 = 0.02;
 const ONE_SKYLINE_PX: f32 = 8.0;
 /// Nearness of the furthest that is drawn, which keeps numbers finite.
 const LEAST_NEARNESS: f32 = 1e-9;
+/// Times sixteen pixels that are looked at before they are colored, and those.
+const AHEAD: usize = 8;
+const AHEAD_PIXELS: u32 = (AHEAD * LANES) as u32;
+/// Tasks of them: pixels over one tile each.
+const TASKS: usize = 2 * AHEAD;
 /// Numbers of lanes.
 const NUMBERS: Sixteen<f32> = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0];
 
@@ -75,6 +80,7 @@ impl<'a, S: Simd> Shader<'a, S> {
     pub(super) fn shade(&mut self, strip: &Strip, lines: Range<usize>) -> u64 {
         let Some(sector) = self.fan.sector else { return 0 };
         let mut ground = 0;
+        let mut ahead = Ahead::NONE;
         for number in sector.rows[0]..sector.rows[1] {
             let row = self.fan.rows[number as usize];
             let [from, to] = [row.start(lines.start, sector.lines), row.start(lines.end, sector.lines)];
@@ -89,31 +95,36 @@ impl<'a, S: Simd> Shader<'a, S> {
             };
             let mut x = from;
             while x < to {
-                let count = (to - x).min(LANES as u32) as usize;
-                place.line = first_line + place.per_pixel * (x - from) as f32;
-                ground += self.pixels(&place, [x, number], count);
-                x += LANES as u32;
+                let end = to.min(x + AHEAD_PIXELS);
+                ahead.clear();
+                for first in (x..end).step_by(LANES) {
+                    place.line = first_line + place.per_pixel * (first - from) as f32;
+                    let count = (end - first).min(LANES as u32);
+                    ground += self.pixels(&place, [first, number], count, &mut ahead);
+                }
+                ahead.color(self.simd);
+                self.put([x, number], (end - x) as usize, &ahead);
+                x = end;
             }
         }
         ground
     }
 
-    /// Shades pixels beside each other; how many are ground.
+    /// Looks at pixels beside each other; how many are ground.
     #[inline(always)]
-    fn pixels(&mut self, place: &RowPlace<'_>, at: [u32; 2], count: usize) -> u64 {
+    fn pixels(&mut self, place: &RowPlace<'_>, at: [u32; 2], count: u32, ahead: &mut Ahead<'a>) -> u64 {
         let simd = self.simd;
         let seen = self.seen(place);
         let within = (1u32 << count) - 1;
         let land = simd.bits(simd.less(simd.floats(0.0), seen.nearness)) & within;
-        let (mut color, mut depth) = (simd.words(self.canvas.sky), simd.floats(f32::NAN));
+        let mut depth = simd.floats(f32::NAN);
+        let number = ahead.add(self.canvas.sky);
         if land != 0 {
             let depths = simd.floats(1.0) / simd.larger(seen.nearness, simd.floats(LEAST_NEARNESS));
             depth = simd.select(simd.mask(land), depths, depth);
-            color = self.paint(&self.points(&seen, depths, at), land);
+            self.paint(&self.points(&seen, depths, at), land, number, ahead);
         }
-        let mut pixels = [0; LANES];
-        simd.store_joined(color, depth, &mut pixels);
-        self.put(at, &pixels[..count]);
+        simd.store(depth, &mut ahead.depths[number]);
         u64::from(land.count_ones())
     }
 
@@ -188,12 +199,11 @@ impl<'a, S: Simd> Shader<'a, S> {
         }
     }
 
-    /// Colors of the pixels of `land`, tile by tile; of others that of the sky.
+    /// Has the pixels of `land` colored, tile by tile.
     #[inline(always)]
-    fn paint(&mut self, points: &Points<S>, land: u32) -> S::Words {
+    fn paint(&mut self, points: &Points<S>, land: u32, number: usize, ahead: &mut Ahead<'a>) {
         let simd = self.simd;
         let mut left = land;
-        let mut color = simd.words(self.canvas.sky);
         while left != 0 {
             let first = left & left.wrapping_neg();
             let mut mine = match &self.current {
@@ -209,20 +219,102 @@ impl<'a, S: Simd> Shader<'a, S> {
                     self.current = Some(current);
                 }
             }
-            let painted = match &self.current {
-                Some(current) => current.paint(simd, points, self.detail.has_two_taps),
-                None => simd.words(OPAQUE_BLACK),
-            };
-            color = simd.select_words(simd.mask(mine), painted, color);
+            if ahead.is_full() {
+                ahead.color(simd);
+            }
+            let task = ahead.task(number, mine);
+            match &self.current {
+                Some(current) => current.taps(simd, points, self.detail.has_two_taps, &mut task.taps),
+                // Black.
+                None => task.taps = Taps::NONE,
+            }
             left &= !mine;
         }
-        color
+    }
+
+    /// Puts pixels into the picture.
+    #[inline(always)]
+    fn put(&self, [x, number]: [u32; 2], count: usize, ahead: &Ahead<'a>) {
+        let simd = self.simd;
+        let [corner, along, up] = self.pixel_steps;
+        let mut pixels = [0; LANES * AHEAD];
+        let (chunks, _) = pixels.as_chunks_mut();
+        for ((chunk, color), depth) in chunks.iter_mut().zip(&ahead.colors).zip(&ahead.depths) {
+            simd.store_joined(simd.load_words(color), simd.load(depth), chunk);
+        }
+        let place = [0, 1].map(|axis| corner[axis] + along[axis] * x as i32 + up[axis] * number as i32);
+        self.canvas.picture.put_along(place.map(|at| at as u32), along, &pixels[..count]);
+    }
+}
+
+/// Pixels of a row that are looked at before they are colored: texels that are not in a cache are
+/// then fetched while other pixels are worked on.
+#[derive(Debug)]
+struct Ahead<'a> {
+    /// Colors and depths, sixteen at a time.
+    colors: [Sixteen<u32>; AHEAD],
+    depths: [Sixteen<f32>; AHEAD],
+    count: usize,
+    tasks: [Task<'a>; TASKS],
+    task_count: usize,
+}
+
+/// Pixels over one tile that have no color yet.
+#[derive(Debug, Clone, Copy)]
+struct Task<'a> {
+    /// Which sixteen, and a bit of each that is meant.
+    number: usize,
+    mine: u32,
+    taps: Taps<'a>,
+}
+
+impl<'a> Ahead<'a> {
+    const NONE: Self = Self {
+        colors: [[0; LANES]; AHEAD],
+        depths: [[0.0; LANES]; AHEAD],
+        count: 0,
+        tasks: [Task { number: 0, mine: 0, taps: Taps::NONE }; TASKS],
+        task_count: 0,
+    };
+
+    #[inline(always)]
+    fn clear(&mut self) {
+        self.count = 0;
+        self.task_count = 0;
+    }
+
+    /// Adds sixteen pixels of this color; their number.
+    #[inline(always)]
+    fn add(&mut self, color: u32) -> usize {
+        let number = self.count.min(AHEAD - 1);
+        self.count = number + 1;
+        self.colors[number] = [color; LANES];
+        number
     }
 
     #[inline(always)]
-    fn put(&self, [x, number]: [u32; 2], pixels: &[u64]) {
-        let [corner, along, up] = self.pixel_steps;
-        let place = [0, 1].map(|axis| corner[axis] + along[axis] * x as i32 + up[axis] * number as i32);
-        self.canvas.picture.put_along(place.map(|at| at as u32), along, pixels);
+    fn is_full(&self) -> bool {
+        self.task_count == TASKS
+    }
+
+    /// A task to be filled in. There is room.
+    #[inline(always)]
+    fn task(&mut self, number: usize, mine: u32) -> &mut Task<'a> {
+        let at = self.task_count.min(TASKS - 1);
+        self.task_count = at + 1;
+        let task = &mut self.tasks[at];
+        (task.number, task.mine) = (number, mine);
+        task
+    }
+
+    /// Colors pixels of tasks.
+    #[inline(always)]
+    fn color<S: Simd>(&mut self, simd: S) {
+        for task in &self.tasks[..self.task_count] {
+            let color = &mut self.colors[task.number];
+            let colors = simd.select_words(simd.mask(task.mine), task.taps.colors(simd), simd.load_words(color));
+            simd.store_words(colors, color);
+        }
+        self.task_count = 0;
     }
 }

@@ -3,7 +3,7 @@
 use crate::model::color::ColorLayout;
 use crate::shade::{Canvas, OPAQUE_BLACK};
 use glam::Vec2;
-use terravision_common::simd::{LANES, Simd};
+use terravision_common::simd::{LANES, Simd, Sixteen};
 
 /// Two channels of a texel.
 const TWO: u32 = 0x00ff_00ff;
@@ -90,9 +90,9 @@ impl<'a> TilePaint<'a> {
         simd.bits(above & below)
     }
 
-    /// Colors of pixels.
+    /// Where pixels take their colors from.
     #[inline(always)]
-    pub(super) fn paint<S: Simd>(&self, simd: S, points: &Points<S>, has_two_taps: bool) -> S::Words {
+    pub(super) fn taps<S: Simd>(&self, simd: S, points: &Points<S>, has_two: bool, taps: &mut Taps<'a>) {
         let per_m = simd.floats(self.per_m);
         // log2 of the width, rounded: half of that of the square.
         let doubled = simd.larger(simd.floats(2.0) * points.squared_m * per_m * per_m, simd.floats(1.0));
@@ -110,31 +110,86 @@ impl<'a> TilePaint<'a> {
             before: (simd.words(self.texels) - side * side) * simd.words(THIRD.wrapping_mul(4)),
             end: simd.floats(self.side as f32) * share - simd.floats(1.0 + 1.0 / 256.0),
         };
-        if !has_two_taps {
-            return self.tap(simd, &mip, [u, v]);
+        taps.layer = self.layer;
+        taps.has_two = has_two;
+        simd.store_words(side, &mut taps.side);
+        if !has_two {
+            return mip.tap(simd, [u, v], &mut taps.of[0]);
         }
-        let furthest = simd.floats(FURTHEST_TAP);
-        let near = simd.floats(-FURTHEST_TAP);
+        let (near, furthest) = (simd.floats(-FURTHEST_TAP), simd.floats(FURTHEST_TAP));
         let x = simd.smaller(simd.larger(points.reach_east * scale, near), furthest);
         let y = simd.smaller(simd.larger(points.reach_north * scale, near), furthest);
-        let (a, b) = (self.tap(simd, &mip, [u + x, v - y]), self.tap(simd, &mip, [u - x, v + y]));
+        mip.tap(simd, [u + x, v - y], &mut taps.of[0]);
+        mip.tap(simd, [u - x, v + y], &mut taps.of[1]);
+    }
+}
+
+/// Where pixels beside each other take their colors from: one place between four texels, or two.
+///
+/// Places are worked out some pixels ahead of the colors, so that a processor fetches texels of
+/// many pixels from memory at a time.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Taps<'a> {
+    layer: &'a [u8],
+    has_two: bool,
+    /// Texels from row to row.
+    side: Sixteen<u32>,
+    of: [Tap; 2],
+}
+
+/// A place: the north western texel of four, and the shares of the eastern and southern ones, in
+/// 256ths for each of two channels.
+#[derive(Debug, Clone, Copy)]
+struct Tap {
+    at: Sixteen<u32>,
+    east: Sixteen<u32>,
+    south: Sixteen<u32>,
+}
+
+impl<S: Simd> Mip<S> {
+    #[inline(always)]
+    fn tap(&self, simd: S, [u, v]: [S::Floats; 2], tap: &mut Tap) {
+        let (zero, parts) = (simd.floats(0.0), simd.floats(256.0));
+        // Columns and rows in 256ths.
+        let i = simd.index(simd.smaller(simd.larger(u, zero), self.end) * parts);
+        let j = simd.index(simd.smaller(simd.larger(v, zero), self.end) * parts);
+        let at = self.before + simd.shift_right::<8>(j) * self.side + simd.shift_right::<8>(i);
+        let (part, twice) = (simd.words(0xff), simd.words(0x0001_0001));
+        simd.store_words(at, &mut tap.at);
+        simd.store_words((i & part) * twice, &mut tap.east);
+        simd.store_words((j & part) * twice, &mut tap.south);
+    }
+}
+
+impl Taps<'_> {
+    /// Of no pixel.
+    pub(super) const NONE: Self = Self {
+        layer: &[],
+        has_two: false,
+        side: [0; LANES],
+        of: [Tap { at: [0; LANES], east: [0; LANES], south: [0; LANES] }; 2],
+    };
+
+    /// The colors.
+    #[inline(always)]
+    pub(super) fn colors<S: Simd>(&self, simd: S) -> S::Words {
+        let a = self.color(simd, &self.of[0]);
+        if !self.has_two {
+            return a;
+        }
+        let b = self.color(simd, &self.of[1]);
         // The mean of each channel, rounded down.
         let differ = (a | b) - (a & b);
         (a & b) + (simd.shift_right::<1>(differ) & simd.words(0x7f7f_7f7f))
     }
 
-    /// Colors between four texels of mips.
+    /// Colors between four texels.
     #[inline(always)]
-    fn tap<S: Simd>(&self, simd: S, mip: &Mip<S>, [u, v]: [S::Floats; 2]) -> S::Words {
-        let (zero, parts) = (simd.floats(0.0), simd.floats(256.0));
-        // Columns and rows in 256ths.
-        let i = simd.index(simd.smaller(simd.larger(u, zero), mip.end) * parts);
-        let j = simd.index(simd.smaller(simd.larger(v, zero), mip.end) * parts);
-        let at = mip.before + simd.shift_right::<8>(j) * mip.side + simd.shift_right::<8>(i);
+    fn color<S: Simd>(&self, simd: S, tap: &Tap) -> S::Words {
+        let at = simd.load_words(&tap.at);
         let [nw, ne] = simd.texel_pairs(self.layer, at);
-        let [sw, se] = simd.texel_pairs(self.layer, at + mip.side);
-        let (part, twice) = (simd.words(0xff), simd.words(0x0001_0001));
-        let (east, south) = ((i & part) * twice, (j & part) * twice);
+        let [sw, se] = simd.texel_pairs(self.layer, at + simd.load_words(&self.side));
+        let (east, south) = (simd.load_words(&tap.east), simd.load_words(&tap.south));
         let upper = mix_channels(simd, [nw, ne], east);
         let lower = mix_channels(simd, [sw, se], east);
         let red_blue = simd.shift_right::<8>(mix(simd, [upper[0], lower[0]], south)) & simd.words(TWO);

@@ -11,7 +11,7 @@ mod stream;
 mod temporary;
 mod tiff;
 pub mod workers;
-mod y4m;
+mod yuv;
 
 pub use choose::sinks_of;
 pub use null::NullSink;

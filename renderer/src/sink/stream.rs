@@ -2,11 +2,12 @@
 //! ([`terravision_common::film`]). A stream has an order and cannot be mended: so its end is kept
 //! by the process that outlives a renderer.
 
-use super::{FrameSink, Picture, SinkError, check_size, y4m};
+use super::{FrameSink, Picture, SinkError, check_size, yuv};
 use std::fs::File;
 use std::io::{self, Write};
 use std::os::fd::AsFd;
 use terravision_common::film::{FrameEncoding, PacketHeader, even};
+use terravision_common::simd::Instructions;
 
 /// Writes packets.
 #[derive(Debug)]
@@ -15,6 +16,8 @@ pub struct StreamSink<W> {
     encoding: FrameEncoding,
     size: [u32; 2],
     frames: u64,
+    /// By which pictures are converted.
+    instructions: Instructions,
     encoded: Vec<u8>,
 }
 
@@ -34,7 +37,7 @@ impl StreamSink<File> {
 impl<W: Write + Send> StreamSink<W> {
     /// Pictures of this size to `out`.
     pub fn new(out: W, encoding: FrameEncoding, size: [u32; 2]) -> Self {
-        Self { out, encoding, size, frames: 0, encoded: Vec::new() }
+        Self { out, encoding, size, frames: 0, instructions: Instructions::widest(), encoded: Vec::new() }
     }
 }
 
@@ -47,8 +50,12 @@ impl<W: Write + Send> FrameSink for StreamSink<W> {
                 pad(picture, &mut self.encoded);
                 &self.encoded
             }
+            FrameEncoding::Yuv420 => {
+                yuv::planar_420(self.instructions, picture.size, picture.rgba, &mut self.encoded);
+                &self.encoded
+            }
             FrameEncoding::Y4m => {
-                y4m::frame(picture.size, picture.rgba, &mut self.encoded);
+                yuv::y4m_frame(self.instructions, picture.size, picture.rgba, &mut self.encoded);
                 &self.encoded
             }
         };
@@ -97,7 +104,7 @@ mod tests {
 
     #[test]
     fn packets_have_a_header_and_a_frame_each() {
-        for encoding in [FrameEncoding::Raw, FrameEncoding::Y4m] {
+        for encoding in [FrameEncoding::Raw, FrameEncoding::Yuv420, FrameEncoding::Y4m] {
             let (size, rgba) = ([3, 1], [9u8; 12]);
             let mut bytes = Vec::new();
             let mut sink = StreamSink::new(&mut bytes, encoding, size);
