@@ -243,19 +243,20 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// A height that no ground of a rectangle exceeds, between these distances along the ground,
-    /// metres above the eye; minus infinity where no ground is.
-    pub(crate) fn highest_in(&self, within: Bounds, along: [f32; 2]) -> f32 {
+    /// Whether ground of a rectangle, between these distances along the ground, may rise above this
+    /// height, metres above the eye.
+    pub(crate) fn rises_above(&self, rise: f32, within: Bounds, along: [f32; 2]) -> bool {
         let surface = &self.ground.shape().surface;
         let [low, high] = [within.min, within.max]
             .map(|corner| surface.lattice_of_way(corner.as_dvec2(), self.view.eye_in_world()).to_array());
-        let highest = if let Some((pyramid, distances)) = self.pyramid() {
+        let height = rise + self.eye_height;
+        if let Some((pyramid, distances)) = self.pyramid() {
             let rises2 = self.rises2();
-            pyramid.highest_in(low, high, [0, 1].map(|n| along[n] * along[n] + rises2[n]), distances)
+            let away2 = [0, 1].map(|n| along[n] * along[n] + rises2[n]);
+            pyramid.rises_above(height, [low, high], away2, distances)
         } else {
-            self.ground.highest_in(low, high)
-        };
-        highest - self.eye_height
+            self.ground.highest_in(low, high) > height
+        }
     }
 
     /// Converts a point from metres from the eye to lattice units, clamped to the ground's end.

@@ -39,7 +39,11 @@ fn checks(x: f64, y: f64) -> [u8; 3] {
 
 /// All nodes of a level, one frame for each camera.
 fn recording(extent: [u32; 2], q: u8, cameras: &[Camera]) -> Arc<Recording> {
-    let mut scene = Scene::new(world(extent), &rough, &checks);
+    recording_of(extent, q, cameras, &rough)
+}
+
+fn recording_of(extent: [u32; 2], q: u8, cameras: &[Camera], height: &dyn Fn(f64, f64) -> f64) -> Arc<Recording> {
+    let mut scene = Scene::new(world(extent), height, &checks);
     for camera in cameras {
         let [columns, rows] = scene.world.nodes_at(q);
         let tiles: Vec<TileSlot> =
@@ -161,6 +165,70 @@ fn a_device_casts_the_rays_that_the_processor_casts() {
         assert!(sky_pixels(&device[0]) > 1000 && sky_pixels(&device[1]) < 10_000, "the views are what they are called");
         assert_eq!(sky_pixels(&device[3]), (SIZE[0] * SIZE[1]) as usize);
     }
+}
+
+/// All nodes of level 0, whose heights lie in the elevation pool with those of all levels above, one
+/// frame for each camera.
+fn recording_in_place(extent: [u32; 2], cameras: &[Camera], height: &dyn Fn(f64, f64) -> f64) -> Arc<Recording> {
+    let mut scene = Scene::new(world(extent), height, &checks);
+    let elevations = scene.elevation_tiles(0);
+    for camera in cameras {
+        let leaves = (0..elevations.len()).filter(|at| elevations[*at].node().is_some_and(|node| node.q() == 0));
+        let tiles = leaves.map(|at| scene.leaf_in_place(&elevations, at)).collect();
+        scene.frame_in_place(camera, &elevations, tiles);
+    }
+    scene.finish()
+}
+
+#[test]
+fn heights_in_the_elevation_pool_are_swept_as_those_of_arrays() {
+    let rolled =
+        Camera::new(CameraFields { roll_rad: 2.0, ..*camera([200.0, 500.0, 160.0], 140.0, -25.0, SIZE).fields() })
+            .expect("valid");
+    let views =
+        [camera([640.0, 200.0, 300.0], 10.0, -35.0, SIZE), camera([600.0, 640.0, 900.0], 80.0, -89.0, SIZE), rolled];
+    // So smooth that coarse levels of it, whose cells are 14 pixels wide, are the same.
+    let smooth = |x: f64, y: f64| 50.0 * (x * 0.009).sin() * (y * 0.007).cos();
+    // The second world's border cuts cells.
+    for extent in [[128, 128], [101, 83]] {
+        let mesh = draw(&mesh(), &recording_of(extent, 0, &views, &smooth)).unwrap();
+        let in_place = recording_in_place(extent, &views, &smooth);
+        let swept = draw(&rays(RaysChoice::Sweep), &in_place).unwrap();
+        // Half as high, and drawn twice as high.
+        let low = recording_in_place(extent, &views, &|x, y| 0.5 * smooth(x, y));
+        let raised = EngineOptions { exaggeration: 2.0, workers: 3, ..rays(RaysChoice::Sweep) };
+        let raised = draw(&raised, &low).unwrap();
+        for (index, (mesh, swept)) in mesh.iter().zip(&swept).enumerate() {
+            keep(mesh, &format!("in-place-{}-{index}-mesh", extent[0]));
+            keep(swept, &format!("in-place-{}-{index}", extent[0]));
+            let (a, b) = (metres(mesh), metres(swept));
+            let close = a.iter().zip(&b).filter(|(a, b)| a == b || (*a - *b).abs() < 0.02 * *a).count();
+            assert!(close as f64 > 0.95 * a.len() as f64, "{extent:?}, view {index}: {close} of {}", a.len());
+            let skies = [mesh, swept].map(sky_pixels);
+            assert!(skies[0].abs_diff(skies[1]) < 300, "{extent:?}, view {index}: {skies:?}");
+            assert!(swept.pixels.rgba() == raised[index].pixels.rgba(), "{extent:?}, view {index}: raised");
+        }
+    }
+}
+
+#[test]
+fn damaged_tiles_of_the_elevation_pool_are_refused() {
+    let camera = camera([80.0, 80.0, 300.0], 0.0, -80.0, SIZE);
+    let error = draw(&rays(RaysChoice::Sweep), &recording_in_place([16, 16], &[camera], &|_, _| f64::NAN)).unwrap_err();
+    assert!(error.to_string().contains("elevation tile 0 of frame 0") && error.to_string().contains("finite number"));
+    let mut scene = Scene::new(world([16, 16]), &rough, &checks);
+    let mut elevations = scene.elevation_tiles(0);
+    let leaf = scene.leaf_in_place(&elevations, 1);
+    elevations[1].generation = 9;
+    scene.frame_in_place(&camera, &elevations, vec![leaf]);
+    let error = draw(&rays(RaysChoice::Sweep), &scene.finish()).unwrap_err().to_string();
+    assert!(error.contains("elevation tile 1 of frame 0") && error.contains("another generation"), "{error}");
+    let mut scene = Scene::new(world([16, 16]), &rough, &checks);
+    let elevations = scene.elevation_tiles(0);
+    let leaf = scene.leaf_in_place(&elevations[1..], 0);
+    scene.frame_in_place(&camera, &elevations[1..], vec![leaf]);
+    let error = draw(&rays(RaysChoice::Sweep), &scene.finish()).unwrap_err().to_string();
+    assert!(error.contains("elevation tile 0 of frame 0") && error.contains("the one above it is missing"), "{error}");
 }
 
 #[test]
@@ -285,15 +353,19 @@ fn a_height_that_is_no_number_is_refused() {
 
 #[test]
 fn more_frames_of_rays_take_no_more_allocations() {
-    let recording = recording([16, 16], 0, &[camera([80.0, 10.0, 150.0], 5.0, -35.0, SIZE)]);
-    for (choice, has_tree_overlay) in [
-        (RaysChoice::Mipmap, false),
-        (RaysChoice::Mipmap, true),
-        (RaysChoice::Coherent, false),
-        (RaysChoice::Compute, false),
+    let camera = camera([80.0, 10.0, 150.0], 5.0, -35.0, SIZE);
+    let arrays = recording([16, 16], 0, &[camera]);
+    let in_place = recording_in_place([16, 16], &[camera], &rough);
+    for (choice, has_tree_overlay, recording) in [
+        (RaysChoice::Mipmap, false, &arrays),
+        (RaysChoice::Mipmap, true, &arrays),
+        (RaysChoice::Coherent, false, &arrays),
+        (RaysChoice::Compute, false, &arrays),
+        (RaysChoice::Sweep, false, &arrays),
+        (RaysChoice::Sweep, true, &in_place),
     ] {
         let allocations = |laps: u64| {
-            let mut source = RecordedSource::new(Arc::clone(&recording), laps);
+            let mut source = RecordedSource::new(Arc::clone(recording), laps);
             let workers = SinkWorkers::start(vec![Box::new(NullSink)]).unwrap();
             let info = allocation_counter::measure(|| {
                 let options = EngineOptions { has_tree_overlay, ..rays(choice) };

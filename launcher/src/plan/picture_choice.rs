@@ -74,8 +74,11 @@ impl PictureChoice {
             // What rays through voxels cost grows with pixels: facets of half the area make up for
             // what sampling loses.
             Quality::Default if technique == TechniqueChoice::Rays && rays == RaysChoice::Coherent => (7.0, 1),
-            // What a sweep costs hardly grows with facets: only what the stages before it make of them.
-            Quality::Default if technique == TechniqueChoice::Rays && rays == RaysChoice::Sweep => (5.0, 1),
+            // What a sweep costs hardly grows with facets. In a world with validity the preparer makes
+            // arrays of them, which does.
+            Quality::Default if technique == TechniqueChoice::Rays && rays == RaysChoice::Sweep => {
+                (if world.has_validity() { 5.0 } else { 2.5 }, 1)
+            }
             Quality::Default => (10.0, 1),
             Quality::Best => (3.0, 4),
             Quality::Finest => (Layout::finest_facet_px(world, pixels(size, rig.as_ref())), 4),

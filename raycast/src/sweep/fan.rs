@@ -129,7 +129,7 @@ fn first_distance(scene: &Scene<'_>, lowest: f32) -> f32 {
     for _ in 0..80 {
         let further = distance * 1.1;
         let square = crate::scene::Bounds { min: Vec2::splat(-further), max: Vec2::splat(further) };
-        if scene.highest_in(square, [0.0, 1.5 * further]) >= lowest * further {
+        if scene.rises_above(lowest * further, square, [0.0, 1.5 * further]) {
             break;
         }
         distance = further;

@@ -80,24 +80,15 @@ impl SweepDetail {
     /// As near to the truth as it gets.
     pub const BEST: Self = Self { step_px: 1.0, post_px: 1.0, lines_per_px: 1.0, has_two_taps: true, ..Self::DEFAULT };
 
-    /// As densely as facets of this size are worth: two samples to a facet.
+    /// As densely as facets of this size are: a cell of two facets is as wide as the square root of
+    /// two. Then no leaf of the tree is coarser than its distance wants. Steps are no longer than by
+    /// default, however coarse heights are.
     #[must_use]
     pub fn for_facets(facet_px: f32) -> Self {
-        Self::with_steps((0.5 * facet_px).clamp(Self::BEST.step_px, 8.0))
-    }
-
-    /// As densely as the posts of levels are that are chosen for facets of this size: a cell of two
-    /// facets is as wide as the square root of two. Then no leaf of the tree is coarser than its
-    /// distance wants.
-    #[must_use]
-    pub fn for_levels(facet_px: f32) -> Self {
         let post_px = std::f32::consts::SQRT_2 * facet_px;
-        Self { post_px, ..Self::with_steps(post_px.clamp(Self::BEST.step_px, 8.0)) }
-    }
-
-    fn with_steps(step_px: f32) -> Self {
+        let step_px = post_px.clamp(Self::BEST.step_px, Self::DEFAULT.step_px);
         let usual = if step_px <= 2.0 { Self::BEST } else { Self::DEFAULT };
-        Self { step_px, post_px: step_px, ..usual }
+        Self { step_px, post_px, ..usual }
     }
 }
 

@@ -275,7 +275,7 @@ impl<'a, S: Simd> Tracer<'a, S> {
     #[inline(never)]
     fn end_of_hidden(&self, at: usize, lowest: f32) -> Option<usize> {
         let ends = GROUPS.map(|group| self.fan.steps.len().min(at + group));
-        ends.into_iter().find(|end| self.bound(at, *end) <= lowest)
+        ends.into_iter().find(|end| self.is_hidden(at, *end, lowest))
     }
 
     /// Takes the next points, and fills the rows that they come to. `IS_UP` false: upside down.
@@ -309,8 +309,8 @@ impl<'a, S: Simd> Tracer<'a, S> {
         highest * if highest > 0.0 { nearest.nearness } else { furthest.nearness } <= slope
     }
 
-    /// A slope that the steps from `at` to `end` and the way to them do not exceed.
-    fn bound(&self, at: usize, end: usize) -> f32 {
+    /// Whether the steps from `at` to `end` and the way to them rise above no slope.
+    fn is_hidden(&self, at: usize, end: usize, slope: f32) -> bool {
         let block = self.block;
         let (near, far) = (&self.fan.steps[at - 1], &self.fan.steps[end - 1]);
         let [a, b] = [0, LANES - 1].map(|k| Vec2::new(block.east[k], block.north[k]));
@@ -319,8 +319,10 @@ impl<'a, S: Simd> Tracer<'a, S> {
         let corners = [a * near.distance, b * near.distance, a * far.distance, b * far.distance];
         let min = corners.into_iter().fold(Vec2::INFINITY, Vec2::min) - margin;
         let max = corners.into_iter().fold(Vec2::NEG_INFINITY, Vec2::max) + margin;
-        let highest = self.scene.highest_in(Bounds { min, max }, [near.distance, far.distance]);
-        highest * if highest > 0.0 { near.nearness } else { far.nearness }
+        // What is above the eye has the largest slope where it is nearest, what is below it where it
+        // is furthest.
+        let rise = slope * if slope > 0.0 { near.distance } else { far.distance };
+        !self.scene.rises_above(rise, Bounds { min, max }, [near.distance, far.distance])
     }
 
     /// Fills the rows below the edge of the ground with what they see of it from below.

@@ -146,6 +146,14 @@ impl RecordingBuilder {
         self.color_slots = self.color_slots.max(key.slot.get().saturating_add(1));
     }
 
+    /// The frame that was added last names these tiles of the elevation pool.
+    pub fn name_elevation_tiles(&mut self, tiles: &[ElevationTile]) {
+        if let Some(frame) = self.frames.last_mut() {
+            frame.elevations = tiles.to_vec();
+            frame.end.elevation_tile_count = tiles.len() as u32;
+        }
+    }
+
     /// Adds a frame.
     pub fn add_frame(&mut self, frame: RecordedFrame) {
         self.frames.push(frame);

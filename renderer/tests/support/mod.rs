@@ -8,7 +8,7 @@ use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::ids::SlotKey;
 use terravision_common::node::NodeId;
 use terravision_common::rig::Views;
-use terravision_common::slot::{FrameEnd, FrameMarker, TileSlot};
+use terravision_common::slot::{ElevationTile, FrameEnd, FrameMarker, TileSlot};
 use terravision_common::texels::{TexelFormat, compress_tile};
 use terravision_common::world::{COLOR_BORDER, COLOR_MIPS, World, WorldFields};
 use terravision_renderer::engine::{self, Engine, EngineError, EngineOptions, Finished};
@@ -137,6 +137,55 @@ impl<'a> Scene<'a> {
         }
         self.builder.add_color(SlotKey::new(slot, 1), &texels);
         slot
+    }
+
+    /// Tiles of the elevation pool of all nodes down to a level, a node after the one above it.
+    pub fn elevation_tiles(&mut self, q: u8) -> Vec<ElevationTile> {
+        let levels = (q..self.world.levels()).rev();
+        let nodes: Vec<NodeId> = levels
+            .flat_map(|q| {
+                let [columns, rows] = self.world.nodes_at(q);
+                (0..rows * columns).map(move |i| node(i % columns, i / columns, q))
+            })
+            .collect();
+        nodes
+            .into_iter()
+            .map(|node| {
+                let (origin, unit) = (self.world.node_origin(node), self.world.lattice_unit_m());
+                let extent = self.world.extent();
+                let posts = u64::from(self.world.elevation_posts());
+                let at = |axis: usize, k: u64| (origin[axis] + (k << node.q())).min(extent[axis].into()) as f64 * unit;
+                let heights: Vec<f32> =
+                    (0..posts * posts).map(|k| (self.height)(at(0, k % posts), at(1, k / posts)) as f32).collect();
+                self.builder.add_elevation_tile(node, &heights)
+            })
+            .collect()
+    }
+
+    /// A leaf whose heights are those of one of these tiles of the elevation pool.
+    pub fn leaf_in_place(&mut self, elevations: &[ElevationTile], at: usize) -> TileSlot {
+        let node = elevations[at].node().expect("a node");
+        let side = self.world.elevation_tile() as u16;
+        let origin = self.world.node_origin(node).map(|v| v as u32);
+        let color_slot = self.add_color(node);
+        TileSlot {
+            node: node.pack(),
+            elevation_position: at as u64,
+            elevation_origin: origin,
+            color_origin: origin,
+            end: [side, side],
+            color_slot,
+            color_generation: 1,
+            elevation_level: node.q(),
+            color_level: node.q(),
+            ..TileSlot::zeroed()
+        }
+    }
+
+    /// Adds a frame whose heights lie in the elevation pool.
+    pub fn frame_in_place(&mut self, camera: &Camera, elevations: &[ElevationTile], tiles: Vec<TileSlot>) {
+        self.frame(camera, tiles);
+        self.builder.name_elevation_tiles(elevations);
     }
 
     /// Adds a frame of these tiles.
