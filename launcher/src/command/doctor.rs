@@ -221,9 +221,9 @@ fn default_layout(memory_bytes: u64) -> Option<Layout> {
         origin: [0.0; 2],
         lattice_unit_m: 10.0,
         extent: [4096; 2],
-        elevation_tile: 16,
+        elevation_tile: 32,
         color_tile: 256,
-        levels: 9,
+        levels: 8,
         finest_elevation_level: 0,
         finest_color_level: 0,
     });
