@@ -180,7 +180,7 @@ impl Finer<'_> {
     }
 }
 
-/// Writes the cells of a block of posts: there are none behind the last column and row of posts.
+/// Writes the cells of a block of posts: the last column and row of posts begin no cell.
 fn write_cells(level: &Level<f32>, block: Rect, cells: &[f32]) -> io::Result<()> {
     let [columns, rows] = [0, 1].map(|a| (level.size()[a] - block.origin[a] as u64).min(block.size[a] as u64) as usize);
     if columns == 0 {

