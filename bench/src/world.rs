@@ -19,12 +19,15 @@ pub fn database(options: &Options) -> anyhow::Result<PathBuf> {
         return Ok(world.clone());
     }
     let folder = synthetic(options.world_size)?;
-    let database = folder.join("world.tv");
+    let database = folder.join(DATABASE);
     if !database.join("manifest.json").exists() {
         ingest_into(&folder, &database)?;
     }
     Ok(database)
 }
+
+/// Another name when the defaults of ingest change, so that no world of earlier ones is flown over.
+const DATABASE: &str = "world-2.tv";
 
 /// Where worlds of benches are kept.
 fn cache() -> PathBuf {

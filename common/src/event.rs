@@ -96,6 +96,8 @@ pub enum TextKind {
     Driver,
     /// The name of the technique that draws. Sent once, before the first frame.
     Technique,
+    /// Why it draws, a clause ([`crate::technique`]). Sent once, before the first frame.
+    TechniqueReason,
     /// A sentence about a failure while the database was read; it begins with the name of the
     /// cause. One is sent for each cause and file.
     Failure,
@@ -112,6 +114,7 @@ mod kind {
     pub(super) const DRIVER_NAME: u32 = 7;
     pub(super) const FRAME_UPLOADED: u32 = 8;
     pub(super) const TECHNIQUE_NAME: u32 = 9;
+    pub(super) const TECHNIQUE_REASON: u32 = 10;
     pub(super) const FRAME_CAMERA: u32 = 16;
     pub(super) const FRAME_LACKED: u32 = 17;
     pub(super) const FAILURE: u32 = 18;
@@ -125,6 +128,7 @@ impl TextKind {
             Self::Device => kind::DEVICE_NAME,
             Self::Driver => kind::DRIVER_NAME,
             Self::Technique => kind::TECHNIQUE_NAME,
+            Self::TechniqueReason => kind::TECHNIQUE_REASON,
             Self::Failure => kind::FAILURE,
         }
     }
@@ -366,6 +370,7 @@ impl Event {
             kind::DEVICE_NAME => EventContent::Text { kind: TextKind::Device },
             kind::DRIVER_NAME => EventContent::Text { kind: TextKind::Driver },
             kind::TECHNIQUE_NAME => EventContent::Text { kind: TextKind::Technique },
+            kind::TECHNIQUE_REASON => EventContent::Text { kind: TextKind::TechniqueReason },
             kind::FAILURE => EventContent::Text { kind: TextKind::Failure },
             _ => return None,
         })

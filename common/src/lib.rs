@@ -47,6 +47,7 @@ pub mod stage;
 pub mod surface;
 pub mod sync;
 pub mod synthetic;
+pub mod technique;
 pub mod terminal;
 pub mod texels;
 pub mod threads;

@@ -41,6 +41,9 @@ pub struct Report {
     pub height: u32,
     /// The technique: `mesh` or `rays`; empty if no stage has sent it.
     pub technique: String,
+    /// Why it drew: `asked for`, or what device there was; empty if no stage has sent it.
+    #[serde(default)]
+    pub technique_reason: String,
     /// The device.
     pub device: String,
     /// Its driver; for rays, how they were cast.

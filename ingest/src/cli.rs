@@ -1,13 +1,13 @@
 //! The command line of `terravision-ingest`, as typed and as checked.
 
 use crate::error::IngestError;
-use crate::job::Job;
+use crate::job::{ColorQuality, Job};
 use crate::plan::PlanOptions;
 use crate::source::values::{NodataChoice, meters_in};
 use crate::source::{Access, Region};
 use crate::synth::SynthOptions;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use clap::{Args, Parser, Subcommand};
+use clap::{ArgAction, Args, Parser, Subcommand};
 use std::path::PathBuf;
 use terravision_common::database::Voids;
 
@@ -140,9 +140,20 @@ pub struct IngestArgs {
     /// and ground pictures tell what was made up from what was measured
     #[arg(long, default_value = Voids::default().name(), value_name = "HOW", value_parser = voids_parser())]
     voids: Voids,
-    /// Quality of colour tiles (JPEG), 1 to 100: higher is larger and slower to load
-    #[arg(long, default_value_t = 90, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=100))]
-    color_quality: u8,
+    /// Whether the crests of coarser levels are raised ('on') or filtered as all ground ('off').
+    /// Filtered crests are lower, so that sky is seen where distant ridges should be. The finest
+    /// level has the heights of the files in any case
+    #[arg(long, action = ArgAction::Set, default_value = "on", value_name = "on|off", value_parser = on_parser())]
+    crests: bool,
+    /// How true colours are kept. 'best' takes half as many bytes again for colour, and slower loading,
+    /// for flights and stills whose pictures are truer by 1 dB at '--quality best', by 0.4 dB by
+    /// default. Heights are exact in any case
+    #[arg(long, default_value = "default", value_name = "default|best", value_parser = quality_parser())]
+    quality: ColorQuality,
+    /// Quality of colour tiles (JPEG), 1 to 100, in place of that of --quality (90, or 95 for 'best'):
+    /// higher is larger and slower to load
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=100))]
+    color_quality: Option<u8>,
     /// Distance of elevation posts, metres. Default: that of the finest elevation file
     #[arg(long, value_name = "METRES", value_parser = parse_positive)]
     spacing: Option<f64>,
@@ -192,7 +203,7 @@ impl IngestArgs {
             nodata: self.nodata.unwrap_or(NodataChoice::FromFiles),
             elevation_unit_m: self.elevation_unit,
             bands: self.bands.map(|b| b.0),
-            color_quality: self.color_quality,
+            color_quality: self.color_quality.unwrap_or(self.quality.jpeg()),
             threads: self.threads.unwrap_or(job.threads),
             plan: PlanOptions {
                 elevation_tile: self.elevation_tile,
@@ -200,6 +211,7 @@ impl IngestArgs {
                 spacing_m: self.spacing,
             },
             voids: self.voids,
+            raises_crests: self.crests,
             ..job
         })
     }
@@ -312,6 +324,15 @@ fn voids_parser() -> impl TypedValueParser<Value = Voids> {
     let all = [Voids::Fill, Voids::Keep, Voids::Clip];
     PossibleValuesParser::new(all.map(Voids::name))
         .map(move |name| all.into_iter().find(|voids| voids.name() == name).unwrap_or_default())
+}
+
+fn quality_parser() -> impl TypedValueParser<Value = ColorQuality> {
+    PossibleValuesParser::new(["default", "best"])
+        .map(|name| if name == "best" { ColorQuality::Best } else { ColorQuality::Default })
+}
+
+fn on_parser() -> impl TypedValueParser<Value = bool> {
+    PossibleValuesParser::new(["on", "off"]).map(|text| text == "on")
 }
 
 fn parse_positive(text: &str) -> Result<f64, String> {

@@ -1,16 +1,16 @@
 //! From rasters to a terrain database, and a synthetic world to begin with.
 //!
 //! ```text
-//! sources ──sample──▶ finest posts ──half-band──▶ elevation levels ──fill──▶ tiles ─▶ elevation.pmtiles
-//!                        (void: NaN)                                  └────▶ ranges ─▶ nodes.tvn
-//! sources ──sample──▶ finest cells ──half-band──▶ colour levels ───────────▶ tiles ─▶ color.pmtiles
-//!             └─ voids: tint from elevation                                          manifest.json last
+//! sources ──sample──▶ finest posts ──half-band──▶ elevation levels ──fill, crests──▶ tiles ─▶ elevation.pmtiles
+//!                        (void: NaN)                                          └────▶ ranges ─▶ nodes.tvn
+//! sources ──sample──▶ finest cells ──half-band──▶ colour levels ───────────────────▶ tiles ─▶ color.pmtiles
+//!             └─ voids: tint from elevation                                                  manifest.json last
 //! ```
 //!
 //! * [`job`]: a complete ingest. [`source`]: rasters, their positions, and the meaning of their
 //!   samples. [`plan`]: the world's geometry.
-//! * [`sample`]: from sources to the finest level. [`pyramid`]: the other levels, voids. [`tint`]:
-//!   colour from elevation.
+//! * [`sample`]: from sources to the finest level. [`pyramid`]: the other levels, voids; `crests`
+//!   raises those of coarser levels. [`tint`]: colour from elevation.
 //! * [`store`]: levels in temporary files, so that memory is bounded. [`work`]: threads, with and
 //!   without order.
 //! * `nested`: the same for sources of different spacings, whose finest levels exist only where
@@ -26,6 +26,7 @@
 pub mod archive;
 mod bulk;
 pub mod cli;
+mod crests;
 pub mod error;
 pub mod job;
 pub mod lonlat;

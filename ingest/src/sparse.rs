@@ -10,7 +10,7 @@ use crate::archive::{self, ArchiveInfo, Tile, TilePlace};
 use crate::bulk::Bulk;
 use crate::error::IngestError;
 use crate::job::{finish_database, record_of};
-use crate::plan::{Lattice, Plan, PlanOptions};
+use crate::plan::{Lattice, Plan};
 use crate::sample::elevation::quantized;
 use crate::source::TargetCrs;
 use crate::source::crs;
@@ -59,6 +59,9 @@ const RELIEF_M: f32 = 900.0;
 const OCTAVES: u32 = 4;
 /// Of JPEG.
 const QUALITY: u8 = 90;
+/// Many small tiles are harder to load and to keep than few large ones.
+const ELEVATION_TILE: u32 = 16;
+const COLOR_TILE: u32 = 256;
 /// Distance of posts, metres.
 const SPACING_M: f64 = 10.0;
 
@@ -119,8 +122,7 @@ fn world_of(options: SparseOptions) -> Result<World, IngestError> {
         )));
     }
     let top = nodes.next_power_of_two().ilog2() as u8;
-    let PlanOptions { elevation_tile, color_tile, .. } = PlanOptions::default();
-    let most = color_tile / elevation_tile;
+    let most = COLOR_TILE / ELEVATION_TILE;
     if !options.texels_per_post.is_power_of_two() || options.texels_per_post > most {
         return Err(IngestError::usage(format!(
             "a sparse world cannot have {} texels per post, expected a power of two up to {most}",
@@ -131,9 +133,9 @@ fn world_of(options: SparseOptions) -> Result<World, IngestError> {
     let fields = WorldFields {
         origin: [500_000.0, 5_000_000.0],
         lattice_unit_m: SPACING_M,
-        extent: [nodes as u32 * elevation_tile; 2],
-        elevation_tile,
-        color_tile,
+        extent: [nodes as u32 * ELEVATION_TILE; 2],
+        elevation_tile: ELEVATION_TILE,
+        color_tile: COLOR_TILE,
         levels: top + 1,
         finest_elevation_level: 0,
         finest_color_level: finest_color.min(top),

@@ -5,6 +5,7 @@
 
 mod support;
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use support::{TestFolder, Tiff, job, run};
 use terravision_common::database::{Database, Layer, TileScratch, TileSource, color_tile_bytes, ground_height};
@@ -163,12 +164,46 @@ fn a_small_picture_in_large_elevation_makes_no_large_tint() {
 }
 
 #[test]
+fn crests_are_raised_where_there_is_finer_ground_alone() {
+    let folder = TestFolder::new();
+    let files = [fine(&folder), coarse(&folder)];
+    let [filtered, raised] = [false, true].map(|raises_crests| {
+        let path = folder.path(if raises_crests { "raised.tv" } else { "filtered.tv" });
+        run(&Job { raises_crests, ..job(&files, &[], path) }).unwrap().0
+    });
+    assert_whole(&raised);
+    let world = *raised.world();
+    let (posts, mut scratch) = (world.elevation_posts() as usize, TileScratch::default());
+    let mut read = |database: &Database, node| {
+        let mut heights = vec![0.0; posts * posts];
+        database.read_elevation(node, &mut heights, &mut scratch).is_ok().then_some(heights)
+    };
+    // Borders are seen from both sides: nodes with children have the posts of those without.
+    let (mut count, mut shared) = (0, BTreeMap::new());
+    for q in 0..world.levels() {
+        let [columns, rows] = world.nodes_at(q);
+        for node in (0..columns * rows).map(|k| NodeId::new(k % columns, k / columns, q).unwrap()) {
+            let (before, after) = (read(&filtered, node), read(&raised, node));
+            let (Some(before), Some(after)) = (before, after) else { continue };
+            let has_children = raised.ranges().has_children(Layer::Elevation, node);
+            assert!(has_children || before == after, "{node} has no children and has changed");
+            count += before.iter().zip(&after).filter(|(before, after)| before != after).count();
+            for (k, height) in after.into_iter().enumerate() {
+                let at = [node.m() as usize * (posts - 1) + k % posts, node.n() as usize * (posts - 1) + k / posts];
+                assert_eq!(*shared.entry((q, at)).or_insert(height), height, "{node}, post {k}");
+            }
+        }
+    }
+    assert!(count > 50, "{count} posts were raised");
+}
+
+#[test]
 fn the_bytes_do_not_depend_on_the_number_of_threads() {
     let folder = TestFolder::new();
     let files = [fine(&folder), coarse(&folder)];
     let made = [1, 3].map(|threads| {
         let path = folder.path("same.tv");
-        let job = Job { threads, may_overwrite: true, ..job(&files, &[], path.clone()) };
+        let job = Job { threads, may_overwrite: true, raises_crests: true, ..job(&files, &[], path.clone()) };
         run(&job).unwrap();
         let mut files: Vec<_> = std::fs::read_dir(&path).unwrap().map(|entry| entry.unwrap().path()).collect();
         files.sort();

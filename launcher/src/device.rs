@@ -5,6 +5,7 @@ use crate::machine::outcome;
 use serde_json::Value;
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
+use terravision_common::technique::FoundDevice;
 
 /// The question, while the renderer looks around: it takes a while, in which the launcher reads its
 /// own input.
@@ -69,6 +70,20 @@ pub fn lacks(device: &Value) -> Vec<&str> {
     device["missing"].as_array().into_iter().flatten().filter_map(Value::as_str).collect()
 }
 
+/// What the device that a flight would use is, as techniques are chosen by it.
+#[must_use]
+pub fn found(answer: Result<&Value, &str>) -> FoundDevice {
+    match answer.ok().and_then(chosen).filter(|device| lacks(device).is_empty()) {
+        None => FoundDevice::Unusable,
+        Some(device) if is_gpu(device) => FoundDevice::Gpu,
+        Some(_) => FoundDevice::Software,
+    }
+}
+
+fn is_gpu(device: &Value) -> bool {
+    matches!(device["type"].as_str(), Some("discrete" | "integrated" | "virtual"))
+}
+
 /// Whether colour tiles can be compressed for a device, and whether that pays; with the reason, a
 /// clause.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -97,9 +112,7 @@ impl Compression {
             return Self::Impossible(format!("{name} lacks the feature textureCompressionBC"));
         }
         match device["type"].as_str() {
-            Some("discrete" | "integrated" | "virtual") => {
-                Self::Fast(format!("{name} is a GPU, which decodes them in hardware"))
-            }
+            _ if is_gpu(device) => Self::Fast(format!("{name} is a GPU, which decodes them in hardware")),
             Some("cpu") => Self::Slow(format!("{name} is the processor itself, which decodes every texel in software")),
             _ => Self::Slow(format!("{name} does not say what kind of device it is")),
         }

@@ -70,10 +70,11 @@ pub fn run(run: &StageRun) -> Result<(), RendererError> {
         workers,
         &mut |engine, source| {
             let found = engine.describe();
-            tracing::info!(technique = found.technique, device = %found.device, driver = %found.driver, "draws with");
+            tracing::info!(technique = found.technique, reason = found.reason, device = %found.device, driver = %found.driver, "draws with");
             let texts = [
                 (TextKind::Device, found.device.as_str()),
                 (TextKind::Driver, &found.driver),
+                (TextKind::TechniqueReason, found.reason),
                 (TextKind::Technique, found.technique),
             ];
             for event in texts.into_iter().flat_map(|(kind, text)| Event::text(kind, text)) {

@@ -33,7 +33,7 @@ fn contents() -> impl Strategy<Value = EventContent> {
         node: NodeId::new(m, 3, 2).unwrap(),
     });
     let failure = (0..TileFailure::ALL.len()).prop_map(|index| TileFailure::ALL[index]);
-    let kinds = [TextKind::Device, TextKind::Driver, TextKind::Technique, TextKind::Failure];
+    let kinds = [TextKind::Device, TextKind::Driver, TextKind::Technique, TextKind::TechniqueReason, TextKind::Failure];
     let span = (0..SpanName::ALL.len(), tile.clone()).prop_map(|(index, tile)| {
         let name = SpanName::ALL[index];
         EventContent::Span { name, node: name.is_of_a_tile().then_some(tile.node) }

@@ -44,7 +44,7 @@ const BIT_OF_LANE: Sixteen<u32> = [
 /// Calls an instruction for both halves of vectors.
 macro_rules! call {
     ($out:ident by $instruction:ident $(::<$number:tt>)? ($($of:expr),*)) => {{
-        // SAFETY: whoever holds an `Avx2`, or a vector that it made, is on a processor with these
+        // SAFETY: an `Avx2`, and a vector that it made, are only there on a processor with these
         // instructions.
         unsafe { $out($instruction $(::<$number>)? ($($of.0),*), $instruction $(::<$number>)? ($($of.1),*)) }
     }};

@@ -23,7 +23,7 @@ pub struct Mask(__mmask16);
 /// Calls an instruction.
 macro_rules! call {
     ($($instruction:tt)*) => {{
-        // SAFETY: whoever holds an `Avx512`, or a vector that it made, is on a processor with these
+        // SAFETY: an `Avx512`, and a vector that it made, are only there on a processor with these
         // instructions.
         unsafe { $($instruction)* }
     }};

@@ -8,10 +8,12 @@ mod summary;
 pub use summary::summary;
 
 use crate::archive;
+use crate::crests::Crests;
 use crate::error::IngestError;
-use crate::nested::Sources;
+use crate::nested::{Nodes, Sources};
 use crate::plan::{Plan, PlanOptions};
 use crate::pyramid;
+use crate::pyramid::validity::Shares;
 use crate::sample;
 use crate::source::inputs::describe_all;
 use crate::source::values::{ColorValues, ElevationValues, NodataChoice};
@@ -28,6 +30,7 @@ use terravision_common::database::{
     ArchiveRecord, COLOR_FILE, ELEVATION_FILE, Manifest, NODES_FILE, NodesRecord, Voids, VoidsRecord,
 };
 use terravision_common::lonlat::LonLatTable;
+use terravision_common::world::World;
 
 /// A checked job.
 #[derive(Debug, Clone)]
@@ -64,6 +67,29 @@ pub struct Job {
     pub plan: PlanOptions,
     /// How ground without data is handled.
     pub voids: Voids,
+    /// Whether the crests of coarser levels are raised.
+    pub raises_crests: bool,
+}
+
+/// How true colours are kept (`--quality`).
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum ColorQuality {
+    /// Small tiles.
+    #[default]
+    Default,
+    /// Half as many bytes again, for pictures that are 1 dB truer (docs/quality.md).
+    Best,
+}
+
+impl ColorQuality {
+    /// The quality of JPEG, 1 to 100.
+    #[must_use]
+    pub fn jpeg(self) -> u8 {
+        match self {
+            Self::Default => 90,
+            Self::Best => 95,
+        }
+    }
 }
 
 /// Upper bound of the memory of a working thread (a window of a source in samples and pixels),
@@ -91,10 +117,11 @@ impl Job {
             nodata: NodataChoice::FromFiles,
             elevation_unit_m: None,
             bands: None,
-            color_quality: 90,
+            color_quality: ColorQuality::Default.jpeg(),
             threads: std::thread::available_parallelism().map_or(1, usize::from),
             plan: PlanOptions::default(),
             voids: Voids::default(),
+            raises_crests: true,
         }
     }
 
@@ -214,17 +241,7 @@ impl Job {
         let voids_record =
             (summary.voids > 0).then_some(VoidsRecord { mode: self.voids, hole_area_m2: holes as f64 * post_area });
         let info = record::archive_info(plan, target, &self.name(), voids_record.is_some());
-        let path = output.part(ELEVATION_FILE);
-        let elevation_record = archive::write_elevation(&path, world, &levels, None, &validity, &info.0, work)?;
-        drop(validity);
-        let ranges = crate::ranges::compute(world, &levels, folder, work)?;
-        let nodes_path = output.part(NODES_FILE);
-        let nodes_fail = |source| IngestError::Output { source, path: nodes_path.clone() };
-        let nodes = ranges.write(&nodes_path).map_err(nodes_fail)?;
-        drop(ranges);
-
         let (colors, voids) = self.color_levels(plan, target, color, &levels, folder, work)?;
-        drop(levels);
         let texels = plan.color_size(world.finest_color_level()).iter().product::<u64>();
         if !color.is_empty() && voids == texels {
             return Err(IngestError::source(color[0].0.path(), "(colour) has no data where the elevation is"));
@@ -232,6 +249,18 @@ impl Job {
         if !color.is_empty() && voids > 0 {
             note(Note::Info(tint_note(voids as f64 / texels as f64)));
         }
+
+        // After the colours: tints are made from the ground as it is.
+        let levels = self.raised(levels, (world, None), validity.first(), folder, work)?;
+        let path = output.part(ELEVATION_FILE);
+        let elevation_record = archive::write_elevation(&path, world, &levels, None, &validity, &info.0, work)?;
+        drop(validity);
+        let ranges = crate::ranges::compute(world, &levels, folder, work)?;
+        let nodes_path = output.part(NODES_FILE);
+        let nodes_fail = |source| IngestError::Output { source, path: nodes_path.clone() };
+        let nodes = ranges.write(&nodes_path).map_err(nodes_fail)?;
+        drop((levels, ranges));
+
         let path = output.part(COLOR_FILE);
         let color_record = archive::write_color(&path, world, &colors, None, self.color_quality, &info.1, work)?;
         Ok(record::manifest(record::Parts {
@@ -282,19 +311,20 @@ impl Job {
         }
         let source_range = told_source_range(&nested.summary, plan, note);
         let info = record::archive_info(plan, target, &self.name(), false);
+        let exist = Some(&nested.elevation_nodes);
+        let elevation_levels = self.raised(nested.elevation, (world, exist), None, folder, work)?;
         let is_whole = nested.elevation_nodes.is_whole() && nested.color_nodes.is_whole();
         let ranges = match is_whole {
-            true => crate::ranges::compute(world, &nested.elevation, folder, work)?,
+            true => crate::ranges::compute(world, &elevation_levels, folder, work)?,
             false => {
                 let nodes = [&nested.elevation_nodes, &nested.color_nodes];
-                crate::ranges::compute_nested(world, &nested.elevation, nodes, folder, work)?
+                crate::ranges::compute_nested(world, &elevation_levels, nodes, folder, work)?
             }
         };
         let nodes_path = output.part(NODES_FILE);
         let nodes = ranges.write(&nodes_path).map_err(|source| IngestError::Output { source, path: nodes_path })?;
         let path = output.part(ELEVATION_FILE);
-        let exist = Some(&nested.elevation_nodes);
-        let elevation_record = archive::write_elevation(&path, world, &nested.elevation, exist, &[], &info.0, work)?;
+        let elevation_record = archive::write_elevation(&path, world, &elevation_levels, exist, &[], &info.0, work)?;
         let (path, exist) = (output.part(COLOR_FILE), Some(&nested.color_nodes));
         let color_record = archive::write_color(&path, world, &nested.color, exist, self.color_quality, &info.1, work)?;
         Ok(record::manifest(record::Parts {
@@ -313,6 +343,21 @@ impl Job {
             lonlat: lonlat_table(plan, target, note),
             complete_level: (!is_whole).then(|| ranges.world().complete_level()),
         }))
+    }
+
+    /// Elevation levels without voids, with their crests raised if they are to be.
+    fn raised(
+        &self,
+        levels: Vec<Level<f32>>,
+        (world, nodes): (&World, Option<&Nodes>),
+        shares: Option<&Level<Shares>>,
+        folder: &Path,
+        work: &Work,
+    ) -> Result<Vec<Level<f32>>, IngestError> {
+        if !self.raises_crests {
+            return Ok(levels);
+        }
+        Crests { world, nodes, shares, folder, work }.raise(levels)
     }
 
     fn color_levels(
@@ -417,7 +462,7 @@ pub(crate) fn record_of(
         source_range: None,
         void_areas_m2: [0.0; 2],
         voids: None,
-        quality: 90,
+        quality: ColorQuality::Default.jpeg(),
         archives,
         nodes,
         lonlat: crate::lonlat::table(target, &plan.world),

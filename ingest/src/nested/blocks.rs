@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 pub(super) const BLOCK: usize = 256;
 
 /// The numbers of the blocks of a level of `[columns, rows]` samples that a rectangle touches.
-pub(super) fn meeting(size: [u64; 2], rect: Rect) -> Vec<usize> {
+pub(crate) fn meeting(size: [u64; 2], rect: Rect) -> Vec<usize> {
     let columns = size[0].div_ceil(BLOCK as u64) as usize;
     let range = |axis: usize| {
         let last = size[axis] as i64 - 1;

@@ -18,6 +18,7 @@ mod color;
 mod elevation;
 mod nodes;
 
+pub(crate) use blocks::meeting;
 pub(crate) use nodes::Nodes;
 
 use crate::IngestError;

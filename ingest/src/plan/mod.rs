@@ -29,7 +29,7 @@ pub struct PlanOptions {
 
 impl Default for PlanOptions {
     fn default() -> Self {
-        Self { elevation_tile: 16, color_tile: 256, spacing_m: None }
+        Self { elevation_tile: 32, color_tile: 256, spacing_m: None }
     }
 }
 
@@ -240,12 +240,12 @@ impl Plan {
             let bytes = |bounds: &[Bounds], each: f64| -> f64 {
                 bounds.iter().map(|b| each * samples(b).iter().product::<f64>()).sum()
             };
-            // A tint as fine as the elevation.
-            let elevation = bytes(&self.elevation_bounds, 4.0 + 2.0 + 3.0 + 1.0);
+            // Heights, tiles, the highest ground in cells; a tint as fine as the elevation.
+            let elevation = bytes(&self.elevation_bounds, 4.0 + 2.0 + 1.0 + 3.0 + 1.0);
             return ((elevation + bytes(&self.color_bounds, 3.0 + 1.0)) * 4.0 / 3.0) as u64;
         }
         let area = |size: [u64; 2]| size[0].saturating_mul(size[1]);
-        let elevation = area(self.elevation_size(self.world.finest_elevation_level())).saturating_mul(4 + 2);
+        let elevation = area(self.elevation_size(self.world.finest_elevation_level())).saturating_mul(4 + 2 + 1);
         let color = area(self.color_size(self.world.finest_color_level())).saturating_mul(3 + 1);
         elevation.saturating_add(color).saturating_mul(4) / 3
     }

@@ -7,7 +7,6 @@ use crate::device::{Compression, DeviceQuestion};
 use crate::failure::Failure;
 use crate::process::own_folder;
 use anyhow::anyhow;
-use terravision_common::run::TechniqueChoice;
 use terravision_common::texels::TexelFormat;
 
 /// What is to be decided.
@@ -46,25 +45,19 @@ impl TexelQuestion {
         }
     }
 
-    /// The format, and the technique that goes with it: a renderer that found its device gone must
-    /// not cast rays over compressed tiles.
+    /// The format. (A renderer that finds its device gone does not cast rays over compressed tiles.)
     ///
     /// # Errors
     /// Bad input: the device cannot do what is asked for.
-    pub(super) fn decide(self, technique: TechniqueChoice) -> Result<(TexelFormat, TechniqueChoice), Failure> {
+    pub(super) fn decide(self) -> Result<TexelFormat, Failure> {
         let (question, is_demanded) = match self {
-            Self::Settled(texels) => return Ok((texels, technique)),
+            Self::Settled(texels) => return Ok(texels),
             Self::Auto(question) => (question, false),
             Self::On(question) => (question, true),
         };
         let answer = question.answer();
         let compression = Compression::of(answer.as_ref().map_err(String::as_str));
-        let is_compressed = compress(compression, is_demanded)?;
-        Ok(match (is_compressed, technique) {
-            (false, technique) => (TexelFormat::Rgba8, technique),
-            (true, TechniqueChoice::Auto) => (TexelFormat::Bc1, TechniqueChoice::Mesh),
-            (true, technique) => (TexelFormat::Bc1, technique),
-        })
+        Ok(if compress(compression, is_demanded)? { TexelFormat::Bc1 } else { TexelFormat::Rgba8 })
     }
 }
 

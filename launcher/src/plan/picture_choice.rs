@@ -68,8 +68,8 @@ impl PictureChoice {
         let vfov_rad = vfov_rad(picture, of_path, size)?;
         let rig = rig.map(|file| file.rig([size.width, size.height], vfov_rad)).transpose();
         let rig = rig.map_err(Failure::bad_input)?;
-        let (asked, rays) = technique(picture, is_realtime)?;
-        let (texels, technique) = texels.decide(asked)?;
+        let (technique, rays) = technique(picture, is_realtime)?;
+        let texels = texels.decide()?;
         let is_swept = technique == TechniqueChoice::Rays && rays == RaysChoice::Sweep;
         let (facet_px, samples) = match picture.quality.unwrap_or(usual) {
             // What rays through voxels cost grows with pixels: facets of half the area make up for
@@ -86,7 +86,7 @@ impl PictureChoice {
         let facet_px =
             in_range("--facet-px", picture.facet_px.unwrap_or(facet_px), 0.5, 1e4, "pixels from 0.5 to 10000")?;
         let texel_px = in_range("--texel-px", picture.texel_px.unwrap_or(1.0), 0.25, 1e4, "pixels from 0.25 to 10000")?;
-        let samples = if asked == TechniqueChoice::Rays { 1 } else { samples };
+        let samples = if technique == TechniqueChoice::Rays { 1 } else { samples };
         let samples = picture.samples.unwrap_or(samples);
         Ok(Self { size, vfov_rad, rig, technique, rays, texels, wanted_px: [facet_px, texel_px], samples })
     }

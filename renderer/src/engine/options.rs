@@ -9,6 +9,8 @@ use terravision_common::run::{RaysChoice, TechniqueChoice};
 pub struct EngineOptions {
     /// How the ground is drawn.
     pub technique: TechniqueChoice,
+    /// Why that technique draws, a clause for people.
+    pub reason: &'static str,
     /// How rays are cast, when they are.
     pub rays: RaysChoice,
     /// Threads that cast rays.
@@ -86,6 +88,7 @@ impl Default for EngineOptions {
     fn default() -> Self {
         Self {
             technique: TechniqueChoice::Mesh,
+            reason: "asked for",
             rays: RaysChoice::Mipmap,
             workers: 1,
             device: DeviceChoice::from_environment(),

@@ -170,7 +170,8 @@ impl Engine for RaysEngine {
     fn describe(&self) -> Described {
         let workers = self.caster.workers().count();
         let device = format!("CPU, {workers} worker{}", if workers == 1 { "" } else { "s" });
-        Described { technique: TechniqueChoice::Rays.name(), device, driver: self.choice.words() }
+        let (technique, reason) = (TechniqueChoice::Rays.name(), self.options.reason);
+        Described { technique, reason, device, driver: self.choice.words() }
     }
 
     fn frames_in_flight(&self) -> usize {

@@ -67,6 +67,7 @@ pub struct Collector {
     device: EventText,
     driver: EventText,
     technique: EventText,
+    technique_reason: EventText,
     /// The technique was told: later pieces do not undo that.
     is_technique_known: bool,
     failure: EventText,
@@ -91,6 +92,7 @@ impl Collector {
             device: EventText::default(),
             driver: EventText::default(),
             technique: EventText::default(),
+            technique_reason: EventText::default(),
             is_technique_known: false,
             failure: EventText::default(),
             malformed_events: 0,
@@ -149,6 +151,12 @@ impl Collector {
         self.is_technique_known.then(|| self.technique.text())
     }
 
+    /// Why it drew; empty when it was not told.
+    #[must_use]
+    pub fn technique_reason(&self) -> String {
+        self.technique_reason.text()
+    }
+
     /// Takes one event. It comes from shared memory: numbers are checked, nonsense is counted.
     pub fn take(&mut self, stage: Stage, event: Event) {
         if let Some(trace) = &mut self.trace {
@@ -169,6 +177,7 @@ impl Collector {
                 self.technique.take(event);
                 self.is_technique_known |= self.technique.is_complete;
             }
+            EventContent::Text { kind: TextKind::TechniqueReason } => self.technique_reason.take(event),
             EventContent::Text { kind: TextKind::Failure } => {
                 self.failure.take(event);
                 if self.failure.is_complete {

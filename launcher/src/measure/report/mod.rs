@@ -48,6 +48,7 @@ pub fn report(config: &RunConfig, stats: &RunStats) -> Report {
         width: config.width,
         height: config.height,
         technique: collector.technique().unwrap_or_default(),
+        technique_reason: collector.technique_reason(),
         device: collector.device(),
         driver: collector.driver(),
         settings: settings(config),
