@@ -17,7 +17,7 @@ fn options() -> CastOptions {
     CastOptions { method: Method::Sweep, sweep: DETAIL, ..CastOptions::default() }
 }
 
-/// The surface that is sampled: so many cells a side, and its height at a place.
+/// The surface that is sampled: its cells a side, and its height at a place.
 struct Surface<'a> {
     cells: usize,
     at: &'a dyn Fn(DVec2) -> Option<f64>,

@@ -111,7 +111,7 @@ pub trait Simd: Copy + Debug {
     /// The number at each place of a short table, less than 16, and the one behind it.
     fn near_pairs(self, table: &[f32; LANES + 1], at: Self::Words) -> [Self::Floats; 2];
     /// The number at each place of a table and the one behind it. Places beyond its end are the
-    /// last one that has one behind it; 0 if there is none.
+    /// last one that has one behind it; 0 in a table without such a place.
     fn pairs(self, table: &[f32], at: Self::Words) -> [Self::Floats; 2];
     /// The same of words of four bytes, the lowest byte first.
     fn texel_pairs(self, table: &[u8], at: Self::Words) -> [Self::Words; 2];

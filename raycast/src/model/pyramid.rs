@@ -5,7 +5,7 @@
 //! away from the eye, metres²        levels of the surface there
 //!   below d²(q + 0.6)               q
 //!   from there to d²(q + 1)         q, blended into q + 1
-//!   from d²(q + 1)                  q + 1, and so on;  d(q): where posts of level q are so many pixels apart
+//!   from d²(q + 1)                  q + 1, and so on;  d(q): where posts of level q are a given number of pixels apart
 //! ```
 //!
 //! The ground of a point is a function of the point and of its distance from the eye alone, so that
