@@ -48,12 +48,12 @@ pub struct PictureArgs {
     pub overlay: Option<Overlay>,
     /// A preset of --facet-px and --samples [default: default; still: finest]
     ///
-    /// 'default' draws facets of 10 pixels (7 with '--rays coherent'; 2.5 with '--rays sweep', 5 in
+    /// 'default' draws facets of 10 pixels (7 with '--rays coherent'; 3 with '--rays sweep', 5 in
     /// worlds with holes or filled ground) with one sample per pixel.
-    /// 'best' draws facets of 3 pixels with four samples: nearer to the true picture, at several
-    /// times the cost. 'finest' draws facets of 1 pixel (larger ones above 1920x1080, where there
-    /// would be too many) with four samples: what a pixel shows is right to the pixel. Rays have
-    /// one sample. --facet-px and --samples win over the preset.
+    /// 'best' draws facets of 3 pixels (1.4 with '--rays sweep') with four samples: nearer to the
+    /// true picture, at several times the cost. 'finest' draws facets of 1 pixel (larger ones above
+    /// 1920x1080, where there would be too many) with four samples: what a pixel shows is right to
+    /// the pixel. Rays have one sample. --facet-px and --samples win over the preset.
     #[arg(long, help_heading = DETAIL_HEADING, value_enum, overrides_with = "quality")]
     pub quality: Option<Quality>,
     /// How the ground is drawn [default: mesh, or rays where there is no Vulkan device]
@@ -72,7 +72,7 @@ pub struct PictureArgs {
     #[arg(long, help_heading = DETAIL_HEADING, value_enum, value_name = "HOW")]
     pub rays: Option<RaysArg>,
     /// Wanted size of the terrain's facets on screen, pixels [default: 10, with --rays coherent 7,
-    /// with --rays sweep 2.5; best: 3; finest, which still has: 1]
+    /// with --rays sweep 3; best: 3, with --rays sweep 1.4; finest, which still has: 1]
     ///
     /// It is the side of a square with a facet's area, where the ground faces the camera. Smaller
     /// facets show finer relief and cost more: half the size takes four times as long.

@@ -70,15 +70,15 @@ impl PictureChoice {
         let rig = rig.map_err(Failure::bad_input)?;
         let (technique, rays) = technique(picture, is_realtime)?;
         let texels = texels.decide()?;
+        let is_swept = technique == TechniqueChoice::Rays && rays == RaysChoice::Sweep;
         let (facet_px, samples) = match picture.quality.unwrap_or(usual) {
             // What rays through voxels cost grows with pixels: facets of half the area make up for
             // what sampling loses.
             Quality::Default if technique == TechniqueChoice::Rays && rays == RaysChoice::Coherent => (7.0, 1),
-            // What a sweep costs hardly grows with facets. In a world with validity the preparer makes
-            // arrays of them, which does.
-            Quality::Default if technique == TechniqueChoice::Rays && rays == RaysChoice::Sweep => {
-                (if world.has_validity() { 5.0 } else { 2.5 }, 1)
-            }
+            // A sweep reads heights in place: facets cost little. In a world with validity the preparer
+            // makes arrays of them.
+            Quality::Default if is_swept => (if world.has_validity() { 5.0 } else { 3.0 }, 1),
+            Quality::Best if is_swept && !world.has_validity() => (1.4, 4),
             Quality::Default => (10.0, 1),
             Quality::Best => (3.0, 4),
             Quality::Finest => (Layout::finest_facet_px(world, pixels(size, rig.as_ref())), 4),
