@@ -114,12 +114,12 @@ fn poses() -> u64 {
     std::env::var("TERRAVISION_SWEEP_POSES").ok().and_then(|count| count.parse().ok()).unwrap_or(120)
 }
 
-/// A pose over the field, or beside it: any heading and roll, any pitch.
-fn pose(field: &Field, seed: u64) -> Camera {
+/// A pose over the exaggerated field, or beside it: any heading and roll, any pitch.
+fn pose(field: &Field, exaggeration: f64, seed: u64) -> Camera {
     let random = |n: u64| noise(seed, n, 77);
     let side = field.cells as f64 * UNIT_M;
     let place = [0, 1].map(|n| (random(n) * 1.2 - 0.1) * side);
-    let ground = field.at(place[0], place[1]).unwrap_or(60.0);
+    let ground = field.at(place[0], place[1]).map_or(60.0, |height| height * exaggeration);
     let angles = [random(2) * 360.0, random(3) * 180.0 - 110.0, random(4) * 360.0 - 180.0];
     let angles = if seed.is_multiple_of(11) { [angles[0], -90.0, (angles[2] / 45.0).round() * 45.0] } else { angles };
     camera([place[0], place[1], ground + 8.0 + 400.0 * random(5) * random(5)], angles, 30.0 + 60.0 * random(6), SIZE)
@@ -136,7 +136,7 @@ fn no_pixel_is_further_than_a_step_from_the_ground_and_none_is_left_out() {
     for seed in 0..poses() {
         let which = seed as usize % 2;
         let (field, ground) = (&fields[which], &grounds[which]);
-        let camera = pose(field, seed);
+        let camera = pose(field, 1.0, seed);
         let picture = Picture::new(SIZE);
         let blank = CastOptions { sky_rgb: [1, 254, 3], ..options() };
         caster.draw(&CastTask {
@@ -184,15 +184,16 @@ fn draw_in_place(caster: &mut Caster, pooled: &PooledField, ground: &Ground, cam
 
 #[test]
 fn levels_in_place_are_swept_as_near_to_the_surface_that_they_blend_to() {
-    let pooled =
-        [PooledField::new(Field::hills(128, 250.0, 3), 1.0), PooledField::new(Field::towers(128, 60.0, 5), 1.5)];
+    const EXAGGERATIONS: [f64; 2] = [1.0, 1.5];
+    let (hills, towers) = (Field::hills(128, 250.0, 3), Field::towers(128, 60.0, 5));
+    let pooled = [PooledField::new(hills, EXAGGERATIONS[0]), PooledField::new(towers, EXAGGERATIONS[1])];
     let mut grounds = pooled.each_ref().map(PooledField::ground);
     let mut caster = Caster::new(1).unwrap();
     let post_px = f64::from(DETAIL.post_px);
     for seed in 0..poses() / 2 {
         let which = seed as usize % 2;
         let (pooled, ground) = (&pooled[which], &mut grounds[which]);
-        let camera = pose(pooled.finest(), 1000 + seed);
+        let camera = pose(pooled.finest(), EXAGGERATIONS[which], 1000 + seed);
         pooled.fill(ground, &camera, post_px, |_, _| false);
         let (_, depths) = draw_in_place(&mut caster, pooled, ground, &camera);
         let at = |place: DVec2| pooled.at(&camera, post_px, place);
@@ -207,7 +208,7 @@ fn levels_in_place_give_the_same_picture_by_any_instructions_and_workers() {
     let mut ground = pooled.ground();
     let mut casters = [1, 3].map(|workers| Caster::new(workers).unwrap());
     for seed in 0..20 {
-        let camera = pose(pooled.finest(), seed);
+        let camera = pose(pooled.finest(), 1.0, seed);
         // Where tiles are missing leaves of several levels meet.
         let is_missing = |level: usize, [m, n]: [usize; 2]| noise((8 * m + n) as u64, level as u64, seed) > 0.9;
         pooled.fill(&mut ground, &camera, f64::from(DETAIL.post_px), is_missing);
@@ -257,7 +258,7 @@ fn pictures_do_not_depend_on_the_instructions() {
     let all = Instructions::all();
     assert!(all[0] == Instructions::PORTABLE && all.last() == Some(&caster.instructions()));
     for seed in 0..40 {
-        let camera = pose(&field, seed);
+        let camera = pose(&field, 1.0, seed);
         for detail in [SweepDetail::DEFAULT, SweepDetail::BEST] {
             let mut draw = |instructions: Instructions| -> Vec<(u32, u32)> {
                 let picture = Picture::new(SIZE);

@@ -110,7 +110,7 @@ impl Fan {
     }
 }
 
-/// Room for so many.
+/// Room for this many.
 fn reserve<T>(list: &mut Vec<T>, count: usize) {
     list.reserve(count.saturating_sub(list.len()));
 }
