@@ -21,6 +21,8 @@ use terravision_common::validity::HALF;
 
 /// A ray passes through no more holes. A bound on the loop that holds whatever rounding does.
 const MOST_HOLES: u32 = 1 << 10;
+/// Factor on the way to the border, so that the point is still over ground.
+const WITHIN: f32 = 1.0 - 8.0 * f32::EPSILON;
 /// The bit of a colour's alpha that is cleared where the ground was filled.
 const MARK: u32 = 1 << 24;
 
@@ -58,7 +60,9 @@ impl Canvas<'_> {
             }
             let pixel = [x, row as u32];
             let ray = self.scene.view.ray(pixel);
-            let s = depth / ray.depth;
+            // Between two planes of a sweep a point may lie a little beyond the border: what is there
+            // is what is at the border.
+            let s = (depth / ray.depth).min(self.scene.departure(&ray) * WITHIN);
             let Some(met) = self.met(&ray, s) else { continue };
             let mark = |met: &Met| if met.measured < HALF { MARK } else { 0 };
             if met.ground >= HALF {
