@@ -227,3 +227,34 @@ fn outlines_end_at_holes() {
         assert!(plain.pixels.rgba() != outlined.pixels.rgba(), "{name}: there are outlines");
     }
 }
+
+#[test]
+fn no_pixel_of_a_rim_stays_in_the_sky() {
+    /// Rises towards the border, so that the whole surface ends in the sky.
+    fn slope(x: f64, y: f64) -> f64 {
+        0.12 * y + 0.2 * hills(3.0 * x, 2.0 * y)
+    }
+    fn rim(_: f64, y: f64) -> [f32; 2] {
+        if y > 1150.0 { [0.0; 2] } else { [1.0; 2] }
+    }
+    let mut scene = Scene::new(world([128, 128]).with_validity(true), &slope, &checks).with_shares(&rim);
+    for heading in [0.0, 7.0, -20.0, 33.0] {
+        let camera = camera([640.0, 100.0, 90.0], heading, 2.0, SIZE);
+        let [columns, rows] = scene.world.nodes_at(0);
+        let leaves = (0..rows * columns).map(|i| node(i % columns, i / columns, 0));
+        let leaves = leaves.map(|leaf| scene.leaf(leaf, &camera, [0; 4])).collect();
+        scene.frame(&camera, leaves);
+    }
+    let recording = scene.finish();
+    let plain = EngineOptions { has_depth: true, has_validation: false, ..options(SIZE) };
+    for rays in [RaysChoice::Mipmap, RaysChoice::Sweep] {
+        let options = EngineOptions { technique: TechniqueChoice::Rays, rays, ..plain.clone() };
+        for (index, frame) in draw(&options, &recording).unwrap().iter().enumerate() {
+            keep(frame, &format!("rim-{index}-{rays:?}"));
+            let is_sky = is_sky(frame);
+            assert!(is_sky.contains(&true) && is_sky.contains(&false), "{rays:?}, view {index}");
+            let alone = (0..is_sky.len()).filter(|at| !is_sky[*at] && around(*at).all(|k| k == *at || is_sky[k]));
+            assert_eq!(alone.count(), 0, "{rays:?}, view {index}: pixels of ground in the sky");
+        }
+    }
+}
