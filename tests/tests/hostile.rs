@@ -114,7 +114,8 @@ fn tar(folder: &TestFolder) -> PathBuf {
 fn a_claim_of_petabytes_of_height_ranges_is_refused_before_any_is_asked_for() {
     let folder = TestFolder::new("hostile-nodes");
     with_manifest(&folder, |manifest| {
-        manifest.world.extent = [1 << 29; 2];
+        manifest.world.extent = [1 << 28; 2];
+        manifest.world.elevation_tile = 16;
         manifest.world.levels = 25;
         manifest.nodes.bytes = *NodeRanges::file_bytes(&World::new(manifest.world).unwrap(), false).end();
         assert!(manifest.nodes.bytes > 1 << 50);
