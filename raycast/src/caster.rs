@@ -212,7 +212,7 @@ impl Caster {
 
     /// Draws the outlines of tiles over the picture that was drawn last, which must be of this
     /// ground and camera. `outlines`: the colour of each tile, RGBA8, red in the lowest byte; a
-    /// tile without a colour has no outline. `heights`: as in [`Layers`]. The result does not depend
+    /// tile without a colour has no outline. `heights`: as in [`CastTask`]. The result does not depend
     /// on the number of workers.
     pub fn outline(&mut self, ground: &Ground, heights: &[f32], camera: &Camera, outlines: &[u32], picture: &Picture) {
         let scene = Scene::new(ground, View::new(camera), &mut self.placed, false).in_place(heights, 1.0);

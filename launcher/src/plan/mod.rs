@@ -1,8 +1,8 @@
 //! What is to be flown: the validated plan that is made of the command line, the path file and the
 //! world. Nothing in it is left to interpret.
 //!
-//! * [`fly()`], [`still()`]: the plans of both commands, by way of a [`draft`]. [`picture`]: how
-//!   the picture is made.
+//! * [`fly()`], [`still()`]: the plans of both commands, by way of a [`draft`].
+//!   [`picture_choice`]: how the picture is made.
 //! * [`course`], [`pose`]: where the camera goes. [`planes`], [`film`], [`live`]: where frames go,
 //!   and where poses come from.
 //! * [`compression`]: how tiles are kept. [`supervision`]: what becomes of stages that die.
