@@ -13,6 +13,7 @@ pub mod planes;
 pub mod pose;
 pub mod realtime;
 pub mod resources;
+pub mod stereo;
 pub mod still;
 pub mod supervision;
 pub mod technique;
