@@ -93,7 +93,7 @@ pub fn serve(args: &ServeArgs) -> Result<(), Failure> {
     drop(database);
     interrupt::listen().context("cannot listen for Ctrl-C").map_err(Failure::failed)?;
     orphans::adopt_orphans();
-    reap_dead_runs();
+    drop(reap_dead_runs());
     let listening = listener.local_addr().context("cannot listen").map_err(Failure::failed)?;
     let page = address::page_address(listening, args.token.as_deref());
     say_address(&page).context("cannot write to standard output").map_err(Failure::failed)?;
@@ -103,7 +103,7 @@ pub fn serve(args: &ServeArgs) -> Result<(), Failure> {
     let served = Server::new(args, setup, &listener).run();
     // What a flight that was killed has left.
     orphans::end_orphans();
-    reap_dead_runs();
+    drop(reap_dead_runs());
     served
 }
 
