@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # From nothing to a film: installs what is missing, builds, makes the default world, ingests it, flies around its highest
 # mountains. Everything lands under out/. A second run reuses what is there; delete a file or folder to have it made anew.
+# With --serve it shows the world in the browser instead of making a film, and ends with the address; Ctrl-C ends it.
 #
 #   TERRAVISION_SIZE    posts along a side of the world (4096)
 #   TERRAVISION_FRAMES  frames of the film (240)
@@ -13,6 +14,11 @@ readonly SIZE=${TERRAVISION_SIZE:-4096}
 readonly FRAMES=${TERRAVISION_FRAMES:-240}
 readonly PICTURE=${TERRAVISION_PICTURE:-1280x720}
 readonly OUT=${TERRAVISION_OUT:-out}
+
+if [[ $# -gt 1 || ${1:-} != "" && ${1:-} != --serve ]]; then
+  echo "fly.sh: expected nothing, or --serve, found: $*" >&2
+  exit 2
+fi
 
 say() { printf '\n== %s\n' "$*" >&2; }
 
@@ -36,6 +42,11 @@ fi
 if [[ ! -f $world/manifest.json || $world/manifest.json -ot $source/.complete ]]; then
   say "ingesting it: $world"
   "$terravision" ingest --elevation "$source/dem.tif" --color "$source/ortho.tif" -o "$world" --overwrite
+fi
+
+if [[ ${1:-} == --serve ]]; then
+  say "serving $world; open this address in a browser (Ctrl-C ends it):"
+  exec "$terravision" serve "$world"
 fi
 
 # Is $1 there, and newer than the world and the programs that made it?
