@@ -288,7 +288,12 @@ impl Row {
         if line >= count {
             return self.end;
         }
-        let by = line as f64 - 0.5 - self.line;
+        self.from_line(line as f64 - 0.5)
+    }
+
+    /// The first pixel whose middle is on a line or behind it.
+    pub(super) fn from_line(&self, line: f64) -> u32 {
+        let by = line - self.line;
         if self.per_pixel == 0.0 {
             return if by <= 0.0 { self.first } else { self.end };
         }
