@@ -175,6 +175,44 @@ fn no_pixel_is_further_than_a_step_from_the_ground_and_none_is_left_out() {
     }
 }
 
+#[test]
+fn a_loop_leaves_no_pixel_out_and_shows_the_ground_that_is_there() {
+    let field = Field::hills(90, 250.0, 3);
+    let (ground, colors) = (field.ground(16, None), field.colors());
+    let mut caster = Caster::new(1).unwrap();
+    let side = field.cells as f64 * UNIT_M;
+    for frame in 0..24 {
+        let angle = f64::from(frame) * 15.0;
+        // Nose up, over the top on its back, straight down, and level again.
+        let angles = match angle {
+            0.0..=90.0 => [30.0, angle, 0.0],
+            90.0..=270.0 => [210.0, 180.0 - angle, 180.0],
+            _ => [30.0, angle - 360.0, 0.0],
+        };
+        let (sin, cos) = angle.to_radians().sin_cos();
+        let eye = [0.5 * side, 0.5 * side + 120.0 * sin, 320.0 + 120.0 * (1.0 - cos)];
+        let camera = camera(eye, angles, 60.0, SIZE);
+        let picture = Picture::new(SIZE);
+        // Nothing has written the colors that a picture is made with: opaque ones are drawn.
+        caster.draw(&CastTask {
+            ground: &ground,
+            colors: &[&colors[..]],
+            heights: &[],
+            camera: &camera,
+            options: &options(),
+            picture: &picture,
+        });
+        assert!(picture.rgba().all(|color| color >> 24 == 255), "{angle} degrees: a pixel is left out");
+        let depths: Vec<f32> = picture.depth().collect();
+        let sky = depths.iter().filter(|depth| depth.is_nan()).count();
+        assert!(angle != 90.0 || sky == depths.len(), "straight up there is sky alone, {sky} pixels");
+        assert!(angle != 270.0 || sky == 0, "straight down there is ground alone, {sky} pixels of sky");
+        let surface = Surface { cells: field.cells, at: &|place| field.at(place.x, place.y) };
+        let strays = strays(&surface, &camera, &depths, 0);
+        assert!(strays.is_empty(), "{angle} degrees: {} strays, the first: {}", strays.len(), strays[0]);
+    }
+}
+
 /// Draws a ground in place; colors and depths.
 fn draw_in_place(caster: &mut Caster, pooled: &PooledField, ground: &Ground, camera: &Camera) -> (Vec<u32>, Vec<f32>) {
     let picture = Picture::new(SIZE);

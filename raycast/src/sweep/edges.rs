@@ -185,8 +185,8 @@ impl<S: Simd> Shader<'_, S> {
         Segment::between(strip, line, |segment| {
             for number in segment.rows(sector.rows) {
                 let row = &self.fan.rows[number as usize];
-                let from = if is_first { row.start(lines.start, sector.lines) } else { row.from_line(at) };
-                let to = if is_last { row.start(lines.end, sector.lines) } else { row.from_line(at + 1.0) };
+                let from = if is_first { row.start(lines.start, sector.lines) } else { row.pixel_from(at) };
+                let to = if is_last { row.start(lines.end, sector.lines) } else { row.pixel_from(at + 1.0) };
                 for x in from..to {
                     let share = (row.line_at(x) - at).clamp(0.0, 1.0) as f32;
                     mixes.add(self.mix_of(strip, &segment, [x, number], [share, row.lines_per_pixel() as f32]));

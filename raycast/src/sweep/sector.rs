@@ -288,11 +288,11 @@ impl Row {
         if line >= count {
             return self.end;
         }
-        self.from_line(line as f64 - 0.5)
+        self.pixel_from(line as f64 - 0.5)
     }
 
     /// The first pixel whose middle is on a line or behind it.
-    pub(super) fn from_line(&self, line: f64) -> u32 {
+    pub(super) fn pixel_from(&self, line: f64) -> u32 {
         let by = line - self.line;
         if self.per_pixel == 0.0 {
             return if by <= 0.0 { self.first } else { self.end };
