@@ -9,6 +9,8 @@ use std::process::{Command, Stdio};
 /// Flights of so many frames: what the second one takes longer is the cost of the frames that it has
 /// more, without that of the start.
 const FRAMES: [u32; 2] = [20, 80];
+/// Of the times in /proc/PID/stat: USER_HZ, on all processors that there are programs for.
+const TICKS_A_SECOND: f64 = 100.0;
 
 /// Processor time of a frame, milliseconds, of a flight around the strongest relief whose pictures
 /// go to a pipe.
@@ -44,7 +46,7 @@ fn child_seconds() -> anyhow::Result<f64> {
     // Behind the name, which may have blanks: proc(5), fields 16 and 17.
     let (_, fields) = stat.rsplit_once(')').context("/proc/self/stat has no name")?;
     let ticks = fields.split_whitespace().skip(13).take(2).map(str::parse::<u64>).sum::<Result<u64, _>>();
-    Ok(ticks.context("/proc/self/stat has no times")? as f64 / rustix::param::clock_ticks_per_second() as f64)
+    Ok(ticks.context("/proc/self/stat has no times")? as f64 / TICKS_A_SECOND)
 }
 
 #[cfg(test)]
