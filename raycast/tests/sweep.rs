@@ -429,8 +429,8 @@ fn colors_are_mixed_at_edges_of_ground_alone_and_as_rays_beside_each_other_would
             let (x, y) = (k % width, k / width);
             let around = (y.saturating_sub(1)..height.min(y + 2))
                 .flat_map(|y| (x.saturating_sub(1)..width.min(x + 2)).map(move |x| y * width + x));
-            let is_edge = around.map(|n| hard[n].1).any(|other| !((other - depth).abs() < 0.01 * depth));
-            assert!(is_edge, "{angles:?}: pixel {x}, {y} is on no edge");
+            let is_even = around.map(|n| hard[n].1).all(|other| (other - depth).abs() < 0.01 * depth);
+            assert!(!is_even, "{angles:?}: pixel {x}, {y} is on no edge");
             let mut mean = [0.0; 3];
             for n in 0..36 {
                 let (color, _) = fine[(6 * y + n / 6) * 6 * width + 6 * x + n % 6];
