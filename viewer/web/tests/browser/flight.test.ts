@@ -51,10 +51,11 @@ const under = async (u: number, v: number): Promise<[number, number, number]> =>
   await page.waitForTimeout(350);
   await page.mouse.move(u + 0.4, v);
   await page.waitForTimeout(350);
-  const text = (await page.locator('.cursor').innerText()).replace(/\s/g, '');
-  const found = /E(-?[\d.]+)N(-?[\d.]+?)(-?\d+\.\d)m/.exec(text);
-  assert.ok(found, `no place under the cursor: ${text}`);
-  return [Number(found[1]), Number(found[2]), Number(found[3])];
+  await page.locator('.cursor').waitFor();
+  const [place, height] = (await page.locator('.cursor > *').allInnerTexts()).map((text) => text.replace(/\s/g, ''));
+  const found = /^E(-?\d+)N(-?\d+)$/.exec(place!);
+  assert.ok(found, `no place under the cursor: ${place}`);
+  return [Number(found[1]), Number(found[2]), parseFloat(height!)];
 };
 const shownPixels = async (on: Page = page): Promise<{ pose: Pose; kind: string; isExact: boolean; pixels: Pixels }> => {
   const frame = await on.evaluate(() => {
@@ -104,10 +105,14 @@ test('while moving it is that of `terravision still` within what JPEG and larger
   );
   const shown = await shownPixels();
   assert.equal(shown.kind, 'jpeg');
-  const still = await stillAt(shown.pose, shown.pixels.width, shown.pixels.height);
-  const { mean } = compare(shown.pixels, still);
-  t.diagnostic(`mean difference ${mean.toFixed(2)} of 255`);
-  assert.ok(mean < 6, `mean difference ${mean}`);
+  const { width, height } = shown.pixels;
+  const { mean } = compare(shown.pixels, await stillAt(shown.pose, width, height));
+  // A picture of a moment before or after, turned by less than a degree, is another one by far.
+  const turned = { ...shown.pose, heading: shown.pose.heading + 0.7 };
+  const beside = compare(shown.pixels, await stillAt(turned, width, height)).mean;
+  t.diagnostic(`mean difference ${mean.toFixed(2)} of 255, and ${beside.toFixed(2)} to a picture that is turned by 0.7 degrees`);
+  // How coarse facets are while moving depends on how much of the processor the flight gets.
+  assert.ok(mean < 14 && mean < 0.8 * beside, `mean difference ${mean}, ${beside} to a turned picture`);
 });
 
 test('keys move, turn, tilt and zoom', async () => {
@@ -369,8 +374,11 @@ test('renderer and viewer are killed: the page says so and goes on by itself', a
     new MutationObserver(() => said.push(status.textContent!)).observe(status, { childList: true, subtree: true, characterData: true });
   });
   for (const program of ['terravision-renderer', 'terravision-viewer']) {
+    // A flight of another size may just have been started.
+    await until(`${program} runs`, async () => (await serve.pids(program)).length === 1);
+    await caughtUp();
     const [pid] = await serve.pids(program);
-    assert.ok(pid, `no ${program} runs below serve`);
+    assert.ok(pid);
     const n = await page.evaluate(() => window.terravision.frame()!.n);
     process.kill(pid, 'SIGKILL');
     await until(`${program} runs again`, async () => (await serve.pids(program)).some((other) => other !== pid), 30);

@@ -45,6 +45,7 @@ export class Serve {
     child.stderr!.pipe(log);
     const first = await new Promise<string>((resolve, reject) => {
       createInterface({ input: child.stdout! }).once('line', resolve);
+      child.once('error', reject);
       child.once('exit', (code) => reject(new Error(`serve ended with ${code}: see ${name}.log in ${OUT}`)));
       setTimeout(() => reject(new Error('serve printed no address within 60 s')), 60_000).unref();
     });
