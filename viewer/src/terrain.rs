@@ -47,12 +47,12 @@ impl Terrain {
     pub(crate) fn heights(&self, places: &[[f64; 2]]) -> Vec<Option<f64>> {
         let source = Kept { store: &self.store, tiles: Mutex::default() };
         let (world, mut scratch) = (self.store.world(), TileScratch::default());
-        let mut height = |&[x, y]: &[f64; 2]| {
+        let height = |&[x, y]: &[f64; 2]| {
             let foot = world.crs_frame().foot([x, y].into());
             let ground = ground_at(&source, world, foot.x, foot.y, &mut scratch).ok()??;
             (ground.validity != Validity::Hole).then_some(ground.height_m)
         };
-        places.iter().map(|place| height(place)).collect()
+        places.iter().map(height).collect()
     }
 
     /// `world` of the protocol, without the camera's start.

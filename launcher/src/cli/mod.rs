@@ -14,6 +14,7 @@ pub mod pose;
 pub mod realtime;
 pub mod resources;
 pub mod serve;
+pub mod stereo;
 pub mod still;
 pub mod supervision;
 pub mod technique;

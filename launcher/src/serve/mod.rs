@@ -93,7 +93,7 @@ pub fn serve(args: &ServeArgs) -> Result<(), Failure> {
     drop(database);
     interrupt::listen().context("cannot listen for Ctrl-C").map_err(Failure::failed)?;
     orphans::adopt_orphans();
-    reap_dead_runs();
+    drop(reap_dead_runs());
     let listening = listener.local_addr().context("cannot listen").map_err(Failure::failed)?;
     let page = address::page_address(listening, args.token.as_deref());
     say_address(&page).context("cannot write to standard output").map_err(Failure::failed)?;
@@ -103,7 +103,7 @@ pub fn serve(args: &ServeArgs) -> Result<(), Failure> {
     let served = Server::new(args, setup, &listener).run();
     // What a flight that was killed has left.
     orphans::end_orphans();
-    reap_dead_runs();
+    drop(reap_dead_runs());
     served
 }
 
@@ -136,12 +136,12 @@ fn start_pose(args: &ServeArgs, database: &Store) -> Result<ViewerPose, Failure>
         return Err(Failure::failed(anyhow!("the orbit of this world has no pose")));
     };
     // Numbers that people can read.
-    let round = |value: f64, unit: f64| (value / unit).round() * unit;
-    let degrees = |radians: f64| round(radians.to_degrees(), 0.01);
+    let round = |value: f64, per_unit: f64| (value * per_unit).round() / per_unit;
+    let degrees = |radians: f64| round(radians.to_degrees(), 100.0);
     Ok(ViewerPose {
-        x: round(position.x, 0.1),
-        y: round(position.y, 0.1),
-        z: round(position.z, 0.1),
+        x: round(position.x, 10.0),
+        y: round(position.y, 10.0),
+        z: round(position.z, 10.0),
         heading: degrees(heading_rad).rem_euclid(360.0),
         pitch: degrees(pitch_rad),
         roll: degrees(roll_rad),

@@ -245,15 +245,13 @@ impl<'a> Server<'a> {
             }
             return;
         }
-        match text.strip_prefix("warning: ") {
-            Some(warning) => self.say_to_all(true, warning.to_owned()),
-            // How many frames a flight had that was started again is of no interest.
-            None if self.told_to_end.is_none() && !text.starts_with("waiting for poses") => {
-                if !self.args.shared.resources.quiet {
-                    complain(line);
-                }
-            }
-            None => {}
+        if let Some(warning) = text.strip_prefix("warning: ") {
+            return self.say_to_all(true, warning.to_owned());
+        }
+        // How many frames a flight had that was started again is of no interest.
+        let is_of_interest = self.told_to_end.is_none() && !text.starts_with("waiting for poses");
+        if is_of_interest && !self.args.shared.resources.quiet {
+            complain(line);
         }
     }
 

@@ -32,10 +32,12 @@ impl Hub {
     }
 }
 
-/// The numbers of a Prometheus text by name.
+/// The numbers of a Prometheus text by name, without histograms.
 fn numbers(text: &str) -> Value {
-    let lines = text.lines().filter(|line| !line.starts_with('#'));
+    let lines = text.lines().filter(|line| !line.starts_with('#') && !line.contains("_bucket{"));
     let pairs = lines.filter_map(|line| line.rsplit_once(' '));
+    // Of causes of failures those that occurred.
+    let pairs = pairs.filter(|(name, value)| !(name.contains("{cause=") && *value == "0"));
     let numbers = pairs.filter_map(|(name, value)| Some((name.to_owned(), value.parse::<f64>().ok()?.into())));
     Value::Object(numbers.collect::<Map<_, _>>())
 }
@@ -55,7 +57,7 @@ mod tests {
 
     #[test]
     fn numbers_have_the_names_of_prometheus() {
-        let text = "# HELP a b\na 3\nb{stage=\"renderer\"} 0.5\nbroken\n";
+        let text = "# HELP a b\na 3\nb{stage=\"renderer\"} 0.5\nc_bucket{le=\"1\"} 1\nd{cause=\"x\"} 0\nbroken\n";
         assert_eq!(numbers(text), serde_json::json!({"a": 3.0, "b{stage=\"renderer\"}": 0.5}));
     }
 }
