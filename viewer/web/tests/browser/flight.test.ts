@@ -391,6 +391,17 @@ test('renderer and viewer are killed: the page says so and goes on by itself', a
   assert.ok(said.some((text) => /Link lost/.test(text)), `it said ${[...new Set(said)].join(' · ')}`);
 });
 
+test('the whole server is killed, and comes back on its port', async () => {
+  const { host } = new URL(serve.address);
+  await serve.kill();
+  await until('it says so', async () => /Link lost/.test(await page.locator('.status [role=status]').innerText()));
+  const before = await pose();
+  serve = await Serve.start(world, 'serve-again', '--addr', host);
+  await until('the page is connected', async () => /Live|At rest|Exact/.test(await page.locator('.status [role=status]').innerText()), 60);
+  await caughtUp();
+  assert.ok(Math.abs((await pose()).heading - before.heading) < 1e-6);
+});
+
 test('latency is measured', async (t) => {
   await atStart();
   await page.keyboard.down('KeyD');
