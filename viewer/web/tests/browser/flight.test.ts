@@ -286,7 +286,8 @@ test('an orbit circles what is in the middle, and Escape stops it', async () => 
   const stopped = await pose();
   assert.ok(Math.abs(((stopped.heading - start.heading + 540) % 360) - 180) > 3);
   await page.waitForTimeout(300);
-  assert.deepEqual(await pose(), stopped);
+  const rested = await pose();
+  for (const key of ['x', 'y', 'z', 'heading', 'pitch'] as const) assert.ok(Math.abs(rested[key] - stopped[key]) < 1e-6, key);
   await page.getByRole('button', { name: 'Free' }).click();
 });
 
