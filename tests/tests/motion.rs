@@ -18,8 +18,7 @@ const FRAMES: usize = 48;
 const POP: f64 = 4.0;
 
 /// A slow flight, 1.5 m a frame, forward and up: nodes split and merge all the time.
-#[test]
-fn no_frame_of_a_slow_flight_changes_more_than_its_neighbours_do() {
+fn no_frame_changes_more_than_its_neighbours_do(technique: &str) {
     let world = synth_world(1024);
     let start = Pose::new(world.above(0.4, 0.35, 220.0), 35.0, -18.0);
     let (sin, cos) = start.heading.to_radians().sin_cos();
@@ -32,6 +31,7 @@ fn no_frame_of_a_slow_flight_changes_more_than_its_neighbours_do() {
         .arg(folder.join("path.json"))
         .arg("-o")
         .arg(folder.join("a/"))
+        .args(["--technique", technique])
         .succeed();
     let options = RenderOptions { rays_per_side: 1, ..RenderOptions::default() };
     let frames: Vec<_> = poses
@@ -56,4 +56,14 @@ fn no_frame_of_a_slow_flight_changes_more_than_its_neighbours_do() {
     let (at, block, excess) = largest_pop(&changes).unwrap();
     println!("largest pop: {excess:.2} of 255, frame {}, block {block}", at + 1);
     assert!(excess < POP, "block {block} changes in frame {} by {excess} more than before and after", at + 1);
+}
+
+#[test]
+fn no_frame_of_a_slow_flight_of_the_mesh_changes_more_than_its_neighbours_do() {
+    no_frame_changes_more_than_its_neighbours_do("mesh");
+}
+
+#[test]
+fn no_frame_of_a_slow_swept_flight_changes_more_than_its_neighbours_do() {
+    no_frame_changes_more_than_its_neighbours_do("rays");
 }
