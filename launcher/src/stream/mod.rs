@@ -145,7 +145,7 @@ impl StreamKeeper {
     /// [`StreamError::StartEncoder`], [`StreamError::Write`].
     pub fn start(config: &RunConfig, target: Option<&StreamTarget>) -> Result<Option<Self>, StreamError> {
         let (Some(target), SinkConfig::Stream(encoding)) = (target, &config.render.sink) else { return Ok(None) };
-        let size = [config.width, config.height];
+        let size = config.output_size();
         let shape = StreamShape {
             frame_bytes: encoding.frame_bytes(size),
             frames: config.frames,

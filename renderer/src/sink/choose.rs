@@ -1,8 +1,8 @@
 //! The sinks of a run: what its configuration comes to.
 
 use super::{
-    AllOf, DepthSink, FrameSink, GroundSink, NullSink, PngFileSink, PngFolderSink, RepeatSink, SharedSink, SinkError,
-    SplitViewsSink, StreamSink,
+    AllOf, AnaglyphSink, DepthSink, FrameSink, GroundSink, NullSink, PngFileSink, PngFolderSink, RepeatSink,
+    SharedSink, SinkError, SplitViewsSink, StreamSink,
 };
 use terravision_common::run::{PlaneTarget, RunConfig, SinkConfig};
 
@@ -33,6 +33,7 @@ pub fn sinks_of(config: &RunConfig, origin: [f64; 2], written: u64) -> Result<Ve
 fn sink_of_worker(config: &RunConfig, origin: [f64; 2], written: u64) -> Result<Box<dyn FrameSink>, SinkError> {
     let render = &config.render;
     let picture = picture_sink(&render.sink, config, written)?;
+    let picture = if render.anaglyph { Box::new(AnaglyphSink::new(picture)) } else { picture };
     if render.depth.is_empty() && render.ground.is_empty() && render.share.is_none() {
         return Ok(picture);
     }
@@ -63,7 +64,7 @@ fn picture_sink(sink: &SinkConfig, config: &RunConfig, written: u64) -> Result<B
         SinkConfig::PngFile(path) => Box::new(PngFileSink::new(path)),
         // What is left out of a stream the launcher makes up for.
         SinkConfig::Stream(encoding) => {
-            return Ok(Box::new(StreamSink::stdout(*encoding, [config.width, config.height])?));
+            return Ok(Box::new(StreamSink::stdout(*encoding, config.output_size())?));
         }
         SinkConfig::Null => Box::new(NullSink),
         SinkConfig::EachView(sinks) => {
