@@ -93,12 +93,12 @@ stage() { sed -n "/^  \"stages\"/,/^  }/p" "$report" | sed -n "/\"$1\"/,/}/s/^ *
 absolute() { printf '%s' "$(cd "$(dirname "$1")" && pwd)/$(basename "$1")"; }
 printf '\nfilm           %s\nstills         %s\ncontact sheet  %s\nreport         %s\n\n' \
   "$(absolute "$film")" "$(absolute "$stills")/" "$(absolute "$sheet")" "$(absolute "$report")"
-printf 'device         %s, %s\n' "$(figure device)" "$(figure driver)"
+printf 'drawn by       %s (%s), %s, %s\n' "$(figure technique)" "$(figure technique_reason)" "$(figure device)" "$(figure driver)"
 printf 'flight         %.0f frames at %s, %.1f frames/s, %.1f s to the first frame, settled: %s\n' \
   "$(figure frames)" "$PICTURE" "$(figure fps)" "$(figure time_to_first_frame_s)" "$(figure settled)"
 printf 'frame          median %.1f ms, 99 %% below %.1f ms, worst %.1f ms\n' \
   "$(figure frame_ms_median)" "$(figure frame_ms_p99)" "$(figure frame_ms_max)"
 printf 'stages         generator %.2f ms, preparer %.2f ms, renderer %.2f ms a frame (medians)\n' \
   "$(stage generator)" "$(stage preparer)" "$(stage renderer)"
-printf 'load           %.0f triangles a frame (median), %.0f tiles uploaded, %.0f MB of memory in all\n' \
-  "$(figure triangles_median)" "$(figure uploaded)" "$(figure all)"
+printf 'load           %.0f nodes of the tree a frame (median), %.0f tiles loaded, %.0f MB of memory in all\n' \
+  "$(figure nodes_median)" "$(figure loaded)" "$(figure all)"
