@@ -169,7 +169,7 @@ pub enum FlightState {
 pub struct FlightNews {
     /// Number of the flight, from 1.
     pub number: u32,
-    /// Its process; 0 while there is none.
+    /// Its process; 0 while no flight runs.
     pub pid: u32,
     /// How it is.
     pub state: FlightState,

@@ -170,7 +170,7 @@ impl Engine for RaysEngine {
     fn describe(&self) -> Described {
         let workers = self.caster.workers().count();
         let device = format!("CPU, {workers} worker{}", if workers == 1 { "" } else { "s" });
-        let (technique, reason) = (TechniqueChoice::Rays.name(), self.options.reason);
+        let (technique, reason) = (TechniqueChoice::Rays.name(), self.options.reason.clone());
         Described { technique, reason, device, driver: self.choice.words() }
     }
 
