@@ -2,7 +2,7 @@
 //! starts and starts again (docs/viewer.md).
 //!
 //! ```text
-//! frame ring ─▶ flight_link ─▶ hub (newest picture) ─▶ encoder ─▶ socket: a session per client ─▶ browser
+//! frame ring ─▶ flight_link ─▶ hub (newest picture) ─▶ encoder ─▶ socket, one a client ─▶ browser
 //! poses      ◀─ flight_link ◀─ hub (pilot, settings) ◀──────────┘
 //! launcher  ◀─▶ launcher_link: which flight there is, and which one is wanted
 //! ```

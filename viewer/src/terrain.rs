@@ -42,8 +42,8 @@ impl Terrain {
         away > FAR_FROM_WORLD * (high - low).max_element()
     }
 
-    /// Heights of the ground at places in the CRS, metres; `None` outside of the world, in holes and
-    /// where no tile can be had. Blocks on storage.
+    /// Heights of the ground at places in the CRS, metres; `None` outside of the world, in holes
+    /// and where no tile can be had. Blocks on storage.
     pub(crate) fn heights(&self, places: &[[f64; 2]]) -> Vec<Option<f64>> {
         let source = Kept { store: &self.store, tiles: Mutex::default() };
         let (world, mut scratch) = (self.store.world(), TileScratch::default());

@@ -1,5 +1,5 @@
-//! What becomes of flight and viewer: each is started again when it dies, the flight also when it is
-//! to be flown in another way.
+//! What becomes of flight and viewer: each is started again when it dies, the flight also when it
+//! is to be flown in another way.
 
 use super::Event;
 use super::child::{BackOff, Watched};

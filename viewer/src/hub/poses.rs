@@ -53,8 +53,8 @@ impl Poses {
         sending.tell();
     }
 
-    /// A flight goes on that an earlier viewer has steered: it is not told where to go until its first
-    /// frame has told where the camera is.
+    /// A flight goes on that an earlier viewer has steered: it is not told where to go until its
+    /// first frame has told where the camera is.
     pub(crate) fn attach_quietly(&self, sender: PoseSender) {
         lock(&self.sending).sender = Some(sender);
     }
