@@ -1,7 +1,7 @@
 //! The same handles on memory of a single process, for tests and benches.
 
+use super::array_ring::{ElevationReader, ElevationWriter};
 use super::control::Control;
-use super::elevation_ring::{ElevationReader, ElevationWriter};
 use super::error::ShmError;
 use super::geometry::{Geometry, half_bytes};
 use super::header::Segment;

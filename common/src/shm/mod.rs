@@ -72,13 +72,13 @@ mod want_core;
 #[cfg(not(loom))]
 mod activity;
 #[cfg(not(loom))]
+mod array_ring;
+#[cfg(not(loom))]
 mod bus_guard;
 #[cfg(not(loom))]
 mod control;
 #[cfg(not(loom))]
 mod control_words;
-#[cfg(not(loom))]
-mod elevation_ring;
 #[cfg(not(loom))]
 mod frame_ring;
 #[cfg(not(loom))]
@@ -114,11 +114,11 @@ mod tests;
 #[cfg(not(loom))]
 pub use activity::Activity;
 #[cfg(not(loom))]
+pub use array_ring::{ArrayGuard, ElevationReader, ElevationWriter};
+#[cfg(not(loom))]
 pub use bus_guard::end_on_bus_error;
 #[cfg(not(loom))]
 pub use control::{Control, Counter, FAILURE_CAUSES, Gauge, RunState, WAIT_BOUND};
-#[cfg(not(loom))]
-pub use elevation_ring::{ArrayGuard, ElevationReader, ElevationWriter};
 pub use error::{ShmError, WaitError};
 #[cfg(not(loom))]
 pub use frame_ring::{FrameInfo, FrameRing, FrameRingReader, FrameRingWriter, FrameShape, PoseTimes, SharedFrame};
