@@ -82,7 +82,7 @@ pub struct CastTask<'a> {
     pub camera: &'a Camera,
     /// How.
     pub options: &'a CastOptions,
-    /// What is drawn into.
+    /// What is drawn into. Of a ground that is partly unmeasured a picture has depth.
     pub picture: &'a Picture,
 }
 
@@ -161,6 +161,7 @@ impl Caster {
         let rays = u64::from(camera.width()) * u64::from(camera.height());
         let counts = Counts { rays, ..sweep.draw(&canvas, camera, &options.sweep, workers) };
         if ground.is_partly_unmeasured() {
+            assert!(picture.has_depth(), "holes are looked for where pixels lie");
             canvas.look_at_shares(workers);
         }
         counts
@@ -205,6 +206,7 @@ impl Caster {
             }
         };
         if ground.is_partly_unmeasured() {
+            assert!(picture.has_depth(), "holes are looked for where pixels lie");
             canvas.look_at_shares(workers);
         }
         counts

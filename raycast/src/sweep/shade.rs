@@ -235,15 +235,10 @@ impl<'a, S: Simd> Shader<'a, S> {
     /// Puts pixels into the picture.
     #[inline(always)]
     fn put(&self, [x, number]: [u32; 2], count: usize, ahead: &Ahead<'a>) {
-        let simd = self.simd;
         let [corner, along, up] = self.pixel_steps;
-        let mut pixels = [0; LANES * AHEAD];
-        let (chunks, _) = pixels.as_chunks_mut();
-        for ((chunk, color), depth) in chunks.iter_mut().zip(&ahead.colors).zip(&ahead.depths) {
-            simd.store_joined(simd.load_words(color), simd.load(depth), chunk);
-        }
+        let (colors, depths) = (ahead.colors.as_flattened(), ahead.depths.as_flattened());
         let place = [0, 1].map(|axis| corner[axis] + along[axis] * x as i32 + up[axis] * number as i32);
-        self.canvas.picture.put_along(place.map(|at| at as u32), along, &pixels[..count]);
+        self.canvas.picture.put_along(place.map(|at| at as u32), along, &colors[..count], &depths[..count]);
     }
 }
 
