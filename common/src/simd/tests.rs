@@ -134,3 +134,13 @@ fn places_beyond_a_table_are_its_last_pair() {
         }
     }
 }
+
+#[test]
+fn instructions_have_names_that_they_are_found_by() {
+    for instructions in Instructions::all() {
+        assert_eq!(Instructions::named(instructions.name()), Some(instructions));
+        assert_eq!(Instructions::named(&instructions.name().to_lowercase()), Some(instructions));
+    }
+    assert_eq!(Instructions::named("PORTABLE "), Some(Instructions::PORTABLE));
+    assert_eq!(Instructions::named("MMX"), None);
+}

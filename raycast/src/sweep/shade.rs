@@ -41,6 +41,8 @@ pub(super) struct Shader<'a, S> {
     directions: [Vec3; 3],
     /// The tile that pixels are likely over.
     current: Option<TilePaint<'a>>,
+    /// That of a row's first pixels, over which the next row mostly begins, too.
+    begun: Option<TilePaint<'a>>,
 }
 
 /// Where a row is in its strip.
@@ -72,7 +74,7 @@ impl<'a, S: Simd> Shader<'a, S> {
         let [corner, along, up] = pixel_steps;
         let directions = [scene.view.direction_at(corner[0] as f32, corner[1] as f32), direction(along), direction(up)];
         let layout = scene.ground.shape().color;
-        Some(Self { simd, canvas, scene, fan, detail, layout, pixel_steps, directions, current: None })
+        Some(Self { simd, canvas, scene, fan, detail, layout, pixel_steps, directions, current: None, begun: None })
     }
 
     /// Shades all pixels of the strip of the lines `lines`; how many of them are ground.
@@ -93,6 +95,7 @@ impl<'a, S: Simd> Shader<'a, S> {
                 line: first_line,
                 per_pixel: row.lines_per_pixel() as f32,
             };
+            self.current = self.begun;
             let mut x = from;
             while x < to {
                 let end = to.min(x + AHEAD_PIXELS);
@@ -101,6 +104,9 @@ impl<'a, S: Simd> Shader<'a, S> {
                     place.line = first_line + place.per_pixel * (first - from) as f32;
                     let count = (end - first).min(LANES as u32);
                     ground += self.pixels(&place, [first, number], count, &mut ahead);
+                    if first == from {
+                        self.begun = self.current;
+                    }
                 }
                 ahead.color(self.simd);
                 self.put([x, number], (end - x) as usize, &ahead);

@@ -4,7 +4,7 @@ use terravision_common::simd::{LANES, Simd};
 
 /// Lines of a strip: eight blocks. What it has of a picture of 720 rows fits into a core's second
 /// cache.
-pub(super) const LINES: usize = 2 * LANES;
+pub(super) const LINES: usize = 8 * LANES;
 
 /// One over depth at the middle of a row, 0 for sky, and its change from row to row, of each line.
 /// Behind the last line there is room to be read, not looked at.

@@ -44,7 +44,7 @@ pub(super) struct Tracer<'a, S> {
     pub(super) focal_px: f32,
     /// Half the height of the turned picture, pixels.
     pub(super) middle: f32,
-    /// Rows of the sector.
+    /// Rows that are looked at.
     pub(super) rows: [f32; 2],
     /// Steps that were sampled.
     pub(super) samples: u64,
@@ -116,7 +116,7 @@ impl<'a, S: Simd> Tracer<'a, S> {
             per_slope: sector.per_slope().map(|of| of as f32),
             focal_px: scene.view.focal_px(),
             middle: 0.5 * sector.height() as f32,
-            rows: sector.rows.map(|row| row as f32),
+            rows: block.rows,
             samples: 0,
         })
     }
