@@ -120,6 +120,26 @@ install_s3_server() {
   "$folder/bin/pip" install --quiet --disable-pip-version-check 'moto[s3,server]==5.2.5' >&2
 }
 
+# A browser and node, for the tests of the viewer's page. Not every system has a Chromium that runs without a desktop, and the
+# other tests need none.
+install_browser() {
+  local packages=()
+  command -v node >/dev/null || packages+=(nodejs)
+  command -v npm >/dev/null || packages+=(npm)
+  command -v chromium >/dev/null || command -v chromium-browser >/dev/null || packages+=(chromium)
+  ((${#packages[@]} == 0)) && return
+  local package
+  for package in "${packages[@]}"; do
+    say "$package is missing: tests the viewer's page in a browser"
+    if ! grep -q '^  Candidate: [0-9]' <<<"$(apt-cache policy "$package" 2>/dev/null)"; then
+      say "no package $package here"
+      return 1
+    fi
+  done
+  missing=("${packages[@]}")
+  install_packages
+}
+
 main() {
   local purpose=flights
   case ${1:-} in
@@ -148,6 +168,7 @@ main() {
   elif [[ $purpose == tests ]]; then
     # Without it the tests of buckets say so and pass.
     install_s3_server || say 'moto cannot be installed: the tests of S3 buckets are skipped'
+    (install_browser) || say "no browser: the tests of the viewer's page are skipped"
   fi
 }
 

@@ -1,11 +1,13 @@
 #!/usr/bin/env bash
 # Installs what is missing, then runs all tests, and the models of the shared-memory algorithms under loom. Arguments go to
-# cargo test, e.g. scripts/test.sh -p terravision; with `loom` alone only the models are run.
+# cargo test, e.g. scripts/test.sh -p terravision; with `loom` alone only the models are run, with `page` alone only the tests of
+# the viewer's page in a browser.
 #
 #   --repeat N     runs the tests (not the models) N times, whatever fails, and says at the end which tests failed, and how often;
 #                  the output of each round is kept in target/repeat/
 #   --under-load   with a busy loop for each core beside it: a test must not depend on who is faster
 #
+#   TERRAVISION_NEEDS_BROWSER=1  fails when there is no browser, or no node, for the tests of the page; without it they are left out
 #   TERRAVISION_DATA  folder of real data sets; tests of real data say so and pass when it is not set
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -74,9 +76,28 @@ repeat() {
   [[ $failed == 0 ]]
 }
 
+# Whether the tests of the page can be run here; says why not.
+has_browser() {
+  local lack=
+  command -v npm >/dev/null || lack=npm
+  command -v node >/dev/null || lack=node
+  command -v chromium >/dev/null || command -v chromium-browser >/dev/null || lack=chromium
+  [[ -z $lack ]] && return
+  printf "test.sh: the tests of the viewer's page are left out: %s is missing (scripts/setup.sh --tests installs it where it can)\n" "$lack" >&2
+  [[ -z ${TERRAVISION_NEEDS_BROWSER:-} ]] || exit 1
+  return 1
+}
+
+test_page() {
+  has_browser || return 0
+  cargo build --locked --workspace --bins
+  scripts/page.sh --check
+  node viewer/web/test.mjs browser
+}
+
 # The dev profile is optimised: it builds twice as fast as release, and checks for overflows.
 # Test programs run one after the other, their tests side by side.
-if [[ $* != loom ]]; then
+if [[ $* != loom && $* != page ]]; then
   if ((repeats > 0)); then
     repeat "${@:---workspace}"
     exit
@@ -89,4 +110,7 @@ fi
 if [[ $# == 0 || $* == loom ]]; then
   RUSTFLAGS="--cfg loom" CARGO_TARGET_DIR=${CARGO_TARGET_DIR:-target}/loom \
     cargo test --locked -p terravision-common --lib --release loom_
+fi
+if [[ $# == 0 || $* == page ]]; then
+  test_page
 fi

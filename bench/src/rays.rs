@@ -174,7 +174,7 @@ impl Way {
     /// By a sweep: a plane to a pixel and steps of half a voxel, or its default.
     fn swept(name: &'static str, is_approximate: bool, workers: usize) -> Self {
         let mut way = Self::new(name, AnyMethod::Sweep, is_approximate, workers);
-        let accurate = SweepDetail { step_px: 0.0, lines_per_px: 1.0, ..SweepDetail::DEFAULT };
+        let accurate = SweepDetail { step_px: 0.0, of_spacing: 0.5, lines_per_px: 1.0, ..SweepDetail::DEFAULT };
         way.options.sweep = if is_approximate { SweepDetail::DEFAULT } else { accurate };
         way
     }

@@ -26,7 +26,7 @@ pub mod output;
 pub mod path;
 pub mod plan;
 pub mod process;
-pub mod rig;
+pub mod rig_file;
 pub mod stream;
 pub mod world;
 

@@ -1,9 +1,11 @@
 //! The sweep against the surface that it samples: on hills, cliffs and beyond the world's edge, in
-//! any attitude. Ten thousand poses with `TERRAVISION_SWEEP_POSES=10000`.
+//! any attitude. Ten thousand poses with `TERRAVISION_SWEEP_POSES=10000`, a part of them with a range
+//! (`2000..4000`): runs of parts side by side are all of them.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
 
 use glam::{DVec2, DVec3};
+use std::ops::Range;
 use terravision_common::camera::Camera;
 use terravision_common::simd::Instructions;
 use terravision_raycast::model::{Filter, Ground};
@@ -110,8 +112,12 @@ fn strays(field: &Surface<'_>, camera: &Camera, depths: &[f32]) -> Vec<String> {
     strays
 }
 
-fn poses() -> u64 {
-    std::env::var("TERRAVISION_SWEEP_POSES").ok().and_then(|count| count.parse().ok()).unwrap_or(120)
+/// Seeds of poses.
+fn poses() -> Range<u64> {
+    let asked = std::env::var("TERRAVISION_SWEEP_POSES").unwrap_or_else(|_| "120".to_owned());
+    let (first, end) = asked.split_once("..").unwrap_or(("0", &asked));
+    let number = |text: &str| text.parse().expect("TERRAVISION_SWEEP_POSES is a number, or two as in 2000..4000");
+    number(first)..number(end)
 }
 
 /// A pose over the exaggerated field, or beside it: any heading and roll, any pitch.
@@ -133,7 +139,7 @@ fn no_pixel_is_further_than_a_step_from_the_ground_and_none_is_left_out() {
     let mut caster = Caster::new(1).unwrap();
     // Of this color is no pixel that was drawn: neither sky nor ground.
     let unset = camera([1e7, 0.0, 100.0], [90.0, 0.0, 0.0], 60.0, SIZE);
-    for seed in 0..poses() {
+    for seed in poses() {
         let which = seed as usize % 2;
         let (field, ground) = (&fields[which], &grounds[which]);
         let camera = pose(field, 1.0, seed);
@@ -190,7 +196,7 @@ fn levels_in_place_are_swept_as_near_to_the_surface_that_they_blend_to() {
     let mut grounds = pooled.each_ref().map(PooledField::ground);
     let mut caster = Caster::new(1).unwrap();
     let post_px = f64::from(DETAIL.post_px);
-    for seed in 0..poses() / 2 {
+    for seed in poses().step_by(2).map(|seed| seed / 2) {
         let which = seed as usize % 2;
         let (pooled, ground) = (&pooled[which], &mut grounds[which]);
         let camera = pose(pooled.finest(), EXAGGERATIONS[which], 1000 + seed);

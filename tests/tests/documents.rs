@@ -146,7 +146,7 @@ fn texts() -> Vec<(String, String)> {
         for entry in std::fs::read_dir(&folder).unwrap() {
             let path = entry.unwrap().path();
             let name = path.strip_prefix(root()).unwrap().to_str().unwrap().to_owned();
-            if path.is_dir() && name != "target" && !name.starts_with('.') {
+            if path.is_dir() && name != "target" && !name.starts_with('.') && !name.ends_with("node_modules") {
                 folders.push(path);
             } else if path.extension().is_some_and(|e| ["rs", "md", "sh", "py", "wgsl"].iter().any(|kind| e == *kind)) {
                 found.push((name, std::fs::read_to_string(&path).unwrap()));

@@ -32,7 +32,7 @@
 mod bounds;
 mod direction;
 pub mod facet;
-mod lattice;
+mod lattice_point;
 mod plane;
 mod sight;
 pub mod tile;
@@ -40,7 +40,7 @@ mod vertices;
 
 pub use bounds::WorldBox;
 pub use direction::{direction, heading, level_right, look, pitch};
-pub use lattice::{LatticePoint, SIDES};
+pub use lattice_point::{LatticePoint, SIDES};
 pub use plane::{Column, CrsFrame, EyeCell, EyeFrame, EyeRow, Plane, Row};
 pub use sight::Sight;
 pub use vertices::Vertices;

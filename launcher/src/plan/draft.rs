@@ -18,7 +18,7 @@ use crate::machine::bytes_for_people;
 use crate::measure::metrics::MetricsSocket;
 use crate::output::{FrameFolder, TemporaryFile};
 use crate::path::{Ground, PathSettings, Pose};
-use crate::rig::RigFile;
+use crate::rig_file::RigFile;
 use crate::stream::StreamTarget;
 use crate::world;
 use anyhow::anyhow;

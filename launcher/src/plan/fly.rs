@@ -12,7 +12,7 @@ use crate::cli::realtime::PredictionChoice;
 use crate::failure::Failure;
 use crate::output::{self, FrameFolder, TemporaryFile};
 use crate::path::{PathSettings, Pose};
-use crate::rig::{Pictures, RigFile, view_folder};
+use crate::rig_file::{Pictures, RigFile, view_folder};
 use crate::stream::StreamTarget;
 use crate::stream::film::Container;
 use crate::world::open_world;

@@ -6,7 +6,7 @@ use crate::cli::picture::{PictureArgs, Quality};
 use crate::cli::values::{PictureSize, Rgb};
 use crate::failure::Failure;
 use crate::path::PathSettings;
-use crate::rig::RigFile;
+use crate::rig_file::RigFile;
 use anyhow::anyhow;
 use terravision_common::rig::Rig;
 use terravision_common::run::{RaysChoice, TechniqueChoice};

@@ -8,7 +8,7 @@ use crate::data_set::DataSet;
 use crate::data_set::listing::Head;
 use crate::failure::Failure;
 use crate::output::FrameFolder;
-use crate::rig::{RigFile, view_folder};
+use crate::rig_file::{RigFile, view_folder};
 use anyhow::anyhow;
 use std::path::{Path, PathBuf};
 use terravision_common::run::{PlaneTarget, RunConfig, SinkConfig};

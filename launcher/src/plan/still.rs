@@ -10,7 +10,7 @@ use crate::cli::supervision::SupervisionArgs;
 use crate::failure::Failure;
 use crate::output::TemporaryFile;
 use crate::path::PathSettings;
-use crate::rig::{Pictures, view_file};
+use crate::rig_file::{Pictures, view_file};
 use crate::world::open_world;
 use anyhow::anyhow;
 use std::path::{Path, PathBuf};

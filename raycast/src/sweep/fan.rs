@@ -6,8 +6,6 @@ use crate::scene::Scene;
 use glam::Vec2;
 use terravision_common::simd::{LANES, Sixteen};
 
-/// Steps are no longer than this share of the finest spacing of posts near the eye.
-const OF_SPACING: f32 = 0.5;
 /// The first step is this share of the finest spacing away from the eye's foot, if ground may be
 /// seen there.
 const NEAREST: f32 = 1.0 / 64.0;
@@ -57,14 +55,13 @@ impl Fan {
     pub(super) fn reserve(&mut self, scene: &Scene<'_>, size: [u32; 2], detail: &SweepDetail) {
         let longest = size[0].max(size[1]);
         reserve(&mut self.rows, longest as usize);
-        // A sector whose rows differ by less than the factor of two is as wide as the picture, and
-        // leans by at most its height; in others the furthest row is no further from where lines
-        // meet than twice the picture's height, and as wide to both sides.
+        // Where lines are widest apart, a sector is as wide as the picture, and leans by at most its
+        // height to both sides.
         let lines = 4.0 * longest as f32 * detail.lines_per_px;
         reserve(&mut self.blocks, lines as usize / LANES + 2);
         // Equal steps near the eye, growing ones beyond.
         let per_e = scene.view.focal_px() / detail.step_px;
-        let equal = OF_SPACING * finest_spacing(scene);
+        let equal = detail.of_spacing * finest_spacing(scene);
         let octaves = (scene.far / (equal * per_e)).max(1.0).ln();
         let steps = per_e * (2.0 + octaves);
         if steps.is_finite() {
@@ -105,7 +102,7 @@ impl Fan {
         while distance < far {
             self.steps.push(Step { distance, nearness: 1.0 / distance });
             let away = (distance * distance + above * above).sqrt();
-            distance += (OF_SPACING * spacing).max(detail.step_px * away / focal);
+            distance += (detail.of_spacing * spacing).max(detail.step_px * away / focal);
         }
         // Of the furthest plane the last step lies on the border.
         self.steps.push(Step { distance: far, nearness: 1.0 / far });

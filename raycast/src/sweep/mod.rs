@@ -60,10 +60,14 @@ pub struct SweepDetail {
     /// From step to step outwards, pixels of the picture at that distance: smaller steps follow
     /// crests more closely and cost more.
     pub step_px: f32,
+    /// But no shorter than this share of the finest spacing of posts. Between two steps the ground is
+    /// taken for straight, so that edges of facets are cut off by up to a step: the shorter, the
+    /// truer is ground whose posts are many pixels apart.
+    pub of_spacing: f32,
     /// From post to post at most, where heights lie in levels of the elevation pool: the level of
     /// a place is chosen by its distance.
     pub post_px: f32,
-    /// Planes to a pixel where they are widest apart; between two is interpolated.
+    /// Planes to a pixel where they are widest apart in the picture; between two is interpolated.
     pub lines_per_px: f32,
     /// Width of a texel, in lengths of a pixel's footprint along the line of sight.
     pub footprint_along: f32,
@@ -77,14 +81,16 @@ impl SweepDetail {
     /// Fewest samples for a good picture.
     pub const DEFAULT: Self = Self {
         step_px: 3.0,
+        of_spacing: 0.25,
         post_px: 3.0,
-        lines_per_px: 1.0 / 3.0,
+        lines_per_px: 0.4,
         footprint_along: 0.5,
         footprint_across: 0.7,
         has_two_taps: false,
     };
     /// As near to the truth as it gets.
-    pub const BEST: Self = Self { step_px: 1.0, post_px: 1.0, lines_per_px: 1.0, has_two_taps: true, ..Self::DEFAULT };
+    pub const BEST: Self =
+        Self { step_px: 1.0, of_spacing: 0.125, post_px: 1.0, lines_per_px: 0.75, has_two_taps: true, ..Self::DEFAULT };
 
     /// As densely as facets of this size are: a cell of two facets is as wide as the square root of
     /// two. Then no leaf of the tree is coarser than its distance wants. Steps are no longer than by

@@ -151,12 +151,10 @@ impl Sector {
         };
         self.rows = [first as u32, last as u32 + 1];
         self.lines_per_px *= self.closeness(rows, [first, last]);
-        // Lines part, or meet, from row to row. Where the rows differ by less than the factor of
-        // two, no pixel is to be between two lines that are further apart than asked; else the
-        // widest row decides.
+        // Lines part, or meet, from row to row: they are counted where they are widest apart, so that
+        // no pixel is between two that are further apart than asked.
         let upness = |row: usize| self.upness(self.place_y(row as u32));
-        let [least, most] = if upness(first) < upness(last) { [first, last] } else { [last, first] };
-        let row = if upness(least) > 0.5 * upness(most) { least } else { most };
+        let row = if upness(first) < upness(last) { last } else { first };
         self.reference = [self.place_y(row as u32), upness(row)];
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
         for (row, number) in rows.iter().zip(0..).filter(|(row, _)| has_pixels(row)) {

@@ -1,10 +1,46 @@
-//! Nodes and lattice points in integers, and the lengths of sides.
+//! Nodes: where they are, in integers and in metres, and what space they may fill; lengths of sides.
 
 use super::Plane;
 use crate::node::NodeId;
-use glam::DVec3;
+use crate::surface::WorldBox;
+use glam::{DVec2, DVec3};
 
 impl Plane {
+    /// The node of a level that contains a foot inside the world.
+    #[inline]
+    #[must_use]
+    pub fn node_at(&self, foot: DVec2, q: u8) -> Option<NodeId> {
+        let (side_m, [columns, rows]) = (self.node_side_m(q), self.nodes_at(q));
+        NodeId::new(((foot.x / side_m) as u32).min(columns - 1), ((foot.y / side_m) as u32).min(rows - 1), q)
+    }
+
+    /// The position of a foot in the tile of a node, in cells from its corner.
+    #[inline]
+    #[must_use]
+    pub fn place_in_node(&self, foot: DVec2, node: NodeId) -> DVec2 {
+        let corner = DVec2::from_array(self.node_origin(node).map(|v| v as f64 * self.unit_m));
+        (foot - corner) / self.spacing_m(node.q())
+    }
+
+    /// Bounds of the ground of a node, clipped to the extent. Its heights, exaggerated, lie between
+    /// these two.
+    #[must_use]
+    pub fn node_bounds(&self, node: NodeId, [a, b]: [f64; 2]) -> WorldBox {
+        let (side, low) = (self.node_side(node.q()), self.node_origin(node));
+        let high = [0, 1].map(|axis| self.canonical(axis, low[axis] + side) as f64 * self.unit_m);
+        WorldBox {
+            min: DVec3::new(low[0] as f64 * self.unit_m, low[1] as f64 * self.unit_m, a.min(b)),
+            max: DVec3::new(high[0], high[1], a.max(b)),
+        }
+    }
+
+    /// Whether a node's bounds touch the border of the world, below which there may be a skirt.
+    #[must_use]
+    pub fn reaches_border(&self, bounds: &WorldBox) -> bool {
+        let end = self.end();
+        (0..2).any(|axis| bounds.min[axis] <= 0.0 || bounds.max[axis] >= end[axis])
+    }
+
     /// Side of a node of level `q`, lattice units.
     #[inline]
     #[must_use]

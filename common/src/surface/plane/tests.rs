@@ -1,6 +1,8 @@
 use super::*;
 use crate::camera::{Camera, CameraFields};
-use crate::surface::{SIDES, Vertices};
+use crate::node::NodeId;
+use crate::surface::{LatticePoint, SIDES, Vertices};
+use glam::DVec2;
 use glam::Vec3;
 use proptest::prelude::*;
 

@@ -1,0 +1,64 @@
+import type { Pose } from '../math/pose';
+import type { World } from '../link/protocol';
+import type { Vec3 } from '../math/vector';
+
+/** A part of the world, and how it lies on the map: north is up. */
+export interface Region {
+  /** Middle. */
+  x: number;
+  y: number;
+  /** Metres along the shorter side of the map. */
+  side: number;
+}
+
+/** All of the world, with a small margin. */
+export function wholeWorld(world: World, width: number, height: number): Region {
+  const [[west, south], [east, north]] = world.bounds;
+  const shorter = Math.min(width, height);
+  const side = Math.max(((east - west) * shorter) / width, ((north - south) * shorter) / height) * 1.04;
+  return { x: (west + east) / 2, y: (south + north) / 2, side };
+}
+
+/** Places of the world on a map of some size, and back. */
+export class MapFrame {
+  readonly scale: number;
+
+  constructor(
+    readonly region: Region,
+    readonly width: number,
+    readonly height: number,
+  ) {
+    this.scale = Math.min(width, height) / region.side;
+  }
+
+  toMap(x: number, y: number): [number, number] {
+    return [this.width / 2 + (x - this.region.x) * this.scale, this.height / 2 - (y - this.region.y) * this.scale];
+  }
+
+  toWorld(u: number, v: number): [number, number] {
+    return [this.region.x + (u - this.width / 2) / this.scale, this.region.y - (v - this.height / 2) / this.scale];
+  }
+}
+
+/**
+ * A camera far above that looks straight down: its picture is the map. So far away is it that mountains stand aside by a few
+ * pixels at most.
+ */
+export function cameraAbove(region: Region, world: World, worldSide: number, exaggeration: number): { pose: Pose; metres: number } {
+  const middle = world.heights === null ? 0 : ((world.heights[0] + world.heights[1]) / 2) * exaggeration;
+  const above = 1.8 * worldSide;
+  // Fields of view below a degree are refused.
+  const side = Math.max(region.side, above * 2 * Math.tan(Math.PI / 360) * 1.001);
+  const vfov = (2 * Math.atan(side / 2 / above) * 180) / Math.PI;
+  return { pose: { x: region.x, y: region.y, z: middle + above, heading: 0, pitch: -90, roll: 0, vfov }, metres: side };
+}
+
+/** Where the corners of the picture meet a level plane, as far as `farthest`. */
+export function footprint(rays: readonly Vec3[], eye: Vec3, ground: number, farthest: number): [number, number][] {
+  return rays.map((ray) => {
+    const flat = Math.hypot(ray[0], ray[1]) || 1e-9;
+    const depth = ray[2] < -1e-6 ? (ground - eye[2]) / ray[2] : Infinity;
+    const reach = Math.min(depth, farthest / flat);
+    return [eye[0] + ray[0] * reach, eye[1] + ray[1] * reach];
+  });
+}
