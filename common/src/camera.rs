@@ -60,12 +60,59 @@ pub enum CameraError {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Camera {
     fields: CameraFields,
+    /// How far right of the line of sight the middle of the picture is, pixels. It belongs to a
+    /// view, not to a pose, so it does not travel with the fields.
+    lens_shift_px: f64,
+}
+
+/// The plane of depth 1, on which a picture lies: x right, y up, 0 on the line of sight.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PicturePlane {
+    size: [f64; 2],
+    half: [f64; 2],
+    middle_x: f64,
+}
+
+impl PicturePlane {
+    /// Half its width and half its height.
+    #[must_use]
+    pub fn half(&self) -> [f64; 2] {
+        self.half
+    }
+
+    /// How far right of the line of sight its middle is.
+    #[must_use]
+    pub fn middle_x(&self) -> f64 {
+        self.middle_x
+    }
+
+    /// The largest distance from the line of sight to its sides, across and up.
+    #[must_use]
+    pub fn reach(&self) -> [f64; 2] {
+        [self.half[0] + self.middle_x.abs(), self.half[1]]
+    }
+
+    /// Where the point `(px, py)` of the picture is on it: pixels from the upper left corner (a
+    /// pixel's centre is at + 0.5).
+    #[must_use]
+    pub fn place(&self, px: f64, py: f64) -> [f64; 2] {
+        let x = (2.0 * px / self.size[0] - 1.0) * self.half[0] + self.middle_x;
+        [x, (1.0 - 2.0 * py / self.size[1]) * self.half[1]]
+    }
+
+    /// The point of the picture at a place on it, as [`PicturePlane::place`] takes it.
+    #[must_use]
+    pub fn pixel(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        let x = (x - self.middle_x) / self.half[0];
+        [0.5 * (1.0 + x) * self.size[0], 0.5 * (1.0 - y / self.half[1]) * self.size[1]]
+    }
 }
 
 impl Default for Camera {
     /// At the world's origin, level, looking north; a picture of one pixel.
     fn default() -> Self {
-        Self { fields: CameraFields { vfov_rad: 1.0, width: 1, height: 1, ..CameraFields::zeroed() } }
+        let fields = CameraFields { vfov_rad: 1.0, width: 1, height: 1, ..CameraFields::zeroed() };
+        Self { fields, lens_shift_px: 0.0 }
     }
 }
 
@@ -93,7 +140,21 @@ impl Camera {
                 return fail(field, side.into(), "1 to 65536 pixels");
             }
         }
-        Ok(Self { fields })
+        Ok(Self { fields, lens_shift_px: 0.0 })
+    }
+
+    /// The same camera, the middle of its picture this far right of the line of sight, pixels: an
+    /// off-axis frustum.
+    ///
+    /// # Errors
+    /// [`CameraError`]: it is not a number, or more pixels than a picture may have.
+    pub fn with_lens_shift(self, lens_shift_px: f64) -> Result<Self, CameraError> {
+        let most = f64::from(MAX_SIDE_PX);
+        if lens_shift_px.abs() <= most {
+            return Ok(Self { lens_shift_px, ..self });
+        }
+        let expected = "-65536 to 65536 pixels";
+        Err(CameraError::OutOfRange { field: "lens shift", found: lens_shift_px, expected })
     }
 
     /// The numbers it is made of.
@@ -138,6 +199,12 @@ impl Camera {
         self.fields.height
     }
 
+    /// How far right of the line of sight the middle of the picture is, pixels.
+    #[must_use]
+    pub fn lens_shift_px(&self) -> f64 {
+        self.lens_shift_px
+    }
+
     /// When the pose was made, nanoseconds of the monotonic clock; 0 when time plays no part.
     #[must_use]
     pub fn timestamp_nanos(&self) -> u64 {
@@ -147,7 +214,7 @@ impl Camera {
     /// The same camera, its pose made at another moment.
     #[must_use]
     pub fn made_at(&self, timestamp_nanos: u64) -> Self {
-        Self { fields: CameraFields { timestamp_nanos, ..self.fields } }
+        Self { fields: CameraFields { timestamp_nanos, ..self.fields }, ..*self }
     }
 
     /// Whether both have the same view, regardless of their times.
@@ -174,6 +241,8 @@ impl Camera {
             vfov_rad: linear(from.vfov_rad, to.vfov_rad),
             ..*from
         });
+        let between =
+            between.and_then(|camera| camera.with_lens_shift(linear(self.lens_shift_px, other.lens_shift_px)));
         // Numbers between valid ones are valid; only a share beyond 0 to 1 leads out of them.
         between.unwrap_or(*self)
     }
@@ -209,11 +278,12 @@ impl Camera {
         0.5 * f64::from(self.fields.height) / (0.5 * self.fields.vfov_rad).tan()
     }
 
-    /// Tangents of half the horizontal and half the vertical field of view.
+    /// Where its picture lies on the plane of depth 1.
     #[must_use]
-    pub fn half_tangents(&self) -> [f64; 2] {
+    pub fn picture_plane(&self) -> PicturePlane {
         let v = (0.5 * self.fields.vfov_rad).tan();
-        [v * f64::from(self.fields.width) / f64::from(self.fields.height), v]
+        let size = [f64::from(self.fields.width), f64::from(self.fields.height)];
+        PicturePlane { size, half: [v * size[0] / size[1], v], middle_x: self.lens_shift_px / self.focal_px() }
     }
 
     /// Direction in world space, of depth 1 along the forward axis, through the point `(px, py)` of
@@ -221,9 +291,7 @@ impl Camera {
     #[must_use]
     pub fn ray_in_world(&self, px: f64, py: f64) -> DVec3 {
         let [right, up, forward] = self.axes_in_world();
-        let [tx, ty] = self.half_tangents();
-        let x = (2.0 * px / f64::from(self.fields.width) - 1.0) * tx;
-        let y = (1.0 - 2.0 * py / f64::from(self.fields.height)) * ty;
+        let [x, y] = self.picture_plane().place(px, py);
         forward + right * x + up * y
     }
 
@@ -232,8 +300,10 @@ impl Camera {
     #[must_use]
     pub fn frustum_normals_in_world(&self) -> [DVec3; 4] {
         let [right, up, forward] = self.axes_in_world();
-        let [tx, ty] = self.half_tangents();
-        [forward * tx + right, forward * tx - right, forward * ty + up, forward * ty - up].map(DVec3::normalize)
+        let plane = self.picture_plane();
+        let ([tx, ty], middle) = (plane.half(), plane.middle_x());
+        [forward * (tx - middle) + right, forward * (tx + middle) - right, forward * ty + up, forward * ty - up]
+            .map(DVec3::normalize)
     }
 }
 
@@ -303,6 +373,24 @@ mod tests {
     fn roll_clockwise_tips_the_right_side_down() {
         let [right, up, _] = camera(0.0, 0.0, 90.0).axes_in_world();
         assert!(close(right, -DVec3::Z) && close(up, DVec3::X));
+    }
+
+    #[test]
+    fn a_shifted_lens_moves_the_picture_and_its_frustum_to_the_right() {
+        let straight = camera(30.0, -20.0, 10.0);
+        let shifted = straight.with_lens_shift(100.0).expect("valid");
+        assert!(close(shifted.ray_in_world(640.0, 360.0), straight.ray_in_world(740.0, 360.0)));
+        assert!(close(shifted.ray_in_world(0.0, 7.0), straight.ray_in_world(100.0, 7.0)));
+        let plane = shifted.picture_plane();
+        let [px, py] = plane.pixel(plane.place(12.5, 700.25));
+        assert!((px - 12.5).abs() < 1e-9 && (py - 700.25).abs() < 1e-9);
+        assert!((plane.pixel([0.0; 2])[0] - 540.0).abs() < 1e-9, "the line of sight is left of the middle");
+        let normals = shifted.frustum_normals_in_world();
+        let holds = |px: f64| normals.iter().all(|normal| normal.dot(straight.ray_in_world(px, 360.0)) > -1e-12);
+        assert!(holds(100.1) && holds(1379.9) && !holds(99.9) && !holds(1380.1));
+        let refused = straight.with_lens_shift(f64::NAN).unwrap_err().to_string();
+        assert_eq!(refused, "its lens shift is NaN, expected -65536 to 65536 pixels");
+        assert!(straight.with_lens_shift(65_537.0).is_err());
     }
 
     #[test]

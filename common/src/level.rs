@@ -176,7 +176,7 @@ impl LevelFunction {
 
 impl ViewLevel {
     fn new(camera: &Camera, world: &World, cell_px: f64) -> Self {
-        let [tx, ty] = camera.half_tangents();
+        let [tx, ty] = camera.picture_plane().reach();
         let elevation_scale = cell_px / (world.surface().unit_m() * camera.focal_px());
         Self {
             frame: world.surface().seen_by(camera.eye(), camera.axes_in_world()[2]),

@@ -34,6 +34,8 @@ pub struct RigView {
     pub roll_rad: f64,
     /// Vertical field of view, radians.
     pub vfov_rad: f64,
+    /// How far right of its line of sight the middle of its picture is, pixels.
+    pub lens_shift_px: f64,
     /// Width and height, pixels.
     pub size: [u32; 2],
     /// Its upper left corner in the frame's picture, pixels.
@@ -284,7 +286,8 @@ impl RigView {
             width,
             height,
             timestamp_nanos: pose.timestamp_nanos(),
-        })
+        })?
+        .with_lens_shift(self.lens_shift_px)
     }
 
     /// Heading, pitch and roll. Angles are added where possible, so that a view that is not rotated
@@ -328,6 +331,7 @@ mod tests {
             pitch_rad: 0.0,
             roll_rad: 0.0,
             vfov_rad: 1.0,
+            lens_shift_px: 0.0,
             size: [64, 48],
             at: [0, 0],
         }

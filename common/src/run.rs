@@ -90,6 +90,16 @@ impl RunConfig {
         first..end
     }
 
+    /// Width and height of the pictures that are put out, pixels: those of a view where two views
+    /// become one picture.
+    #[must_use]
+    pub fn output_size(&self) -> [u32; 2] {
+        match &self.rig {
+            Some(rig) if self.render.anaglyph => rig.view_size(),
+            _ => [self.width, self.height],
+        }
+    }
+
     /// Pixels of all views of a frame together.
     #[must_use]
     pub fn pixels(&self) -> u64 {
@@ -240,6 +250,9 @@ pub struct RenderConfig {
     /// Values of depth and ground where the ground was made up.
     #[serde(default)]
     pub made_up: MadeUp,
+    /// Two views are put out as one picture for glasses, red at the left eye and cyan at the right
+    /// one.
+    pub anaglyph: bool,
 }
 
 impl RenderConfig {

@@ -77,7 +77,7 @@ fn the_field_of_view_widens_with_the_time_ahead_and_a_pixel_stays_as_wide() {
         let predicted = track.predict(now, ahead, Prediction::Linear).expect("a camera");
         assert!(predicted.vfov_rad() > before);
         assert!((predicted.focal_px() / seen.focal_px() - 1.0).abs() < 0.01);
-        assert!(predicted.half_tangents()[0] > seen.half_tangents()[0]);
+        assert!(predicted.picture_plane().half()[0] > seen.picture_plane().half()[0]);
         before = predicted.vfov_rad();
     }
 }

@@ -73,7 +73,8 @@ impl View<'_> {
         let spacing = f64::from(1u32 << tile.q().min(31));
         let (cells, row) = (self.world.elevation_tile(), self.world.elevation_posts() as usize);
         let (step, focal) = (side / f64::from(n), self.camera.focal_px());
-        let [tan_x, tan_y] = self.camera.half_tangents();
+        let plane = self.camera.picture_plane();
+        let ([tan_x, tan_y], middle) = (plane.half(), plane.middle_x());
         let [right, up, forward] = self.axes;
         let eye = self.camera.eye();
         let mut sum = 0.0;
@@ -90,8 +91,8 @@ impl View<'_> {
             let point = surface.position(surface.foot_of_lattice(at), self.exaggeration * f64::from(height));
             let to_point = point - eye;
             let depth = to_point.dot(forward);
-            let is_seen =
-                depth > 0.0 && to_point.dot(right).abs() <= tan_x * depth && to_point.dot(up).abs() <= tan_y * depth;
+            let (across, above) = (to_point.dot(right) - middle * depth, to_point.dot(up));
+            let is_seen = depth > 0.0 && across.abs() <= tan_x * depth && above.abs() <= tan_y * depth;
             if is_seen {
                 // A step on level ground covers f²·A·|dz| / depth³ pixels.
                 sum += to_point.dot(surface.up(point)).abs().max(LEAST_SLANT * to_point.length()) / depth.powi(3);

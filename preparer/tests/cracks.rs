@@ -152,7 +152,7 @@ fn check_culling(case: &Case, tree: &[TreeNode]) -> Result<usize, TestCaseError>
 fn view(name: &str, offset_m: [f64; 3], yaw_rad: f64) -> RigView {
     let (pitch_rad, roll_rad, vfov_rad) = (0.0, 0.0, 0.7);
     let (name, size, at) = (name.to_owned(), [320, 200], [0, 0]);
-    RigView { name, offset_m, yaw_rad, pitch_rad, roll_rad, vfov_rad, size, at }
+    RigView { name, offset_m, yaw_rad, pitch_rad, roll_rad, vfov_rad, lens_shift_px: 0.0, size, at }
 }
 
 proptest! {

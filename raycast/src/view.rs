@@ -48,7 +48,7 @@ impl View {
         let [_, _, forward] = camera.axes_in_world();
         let at = |x: f64, y: f64| camera.ray_in_world(x + 0.5, y + 0.5);
         let first = at(0.0, 0.0);
-        let [tan_x, tan_y] = camera.half_tangents();
+        let [tan_x, tan_y] = camera.picture_plane().reach();
         let half_diagonal = tan_x.hypot(tan_y).atan();
         // The steepest ray, for any roll of the camera, decides how far the guide tilts down (or
         // up).

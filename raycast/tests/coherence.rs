@@ -70,7 +70,7 @@ fn modes() -> impl Strategy<Value = Modes> {
 /// The longest sampling interval of a picture along the view axis: rays are sampled on common
 /// planes.
 fn interval_m(camera: &Camera) -> f32 {
-    let [tx, ty] = camera.half_tangents();
+    let [tx, ty] = camera.picture_plane().half();
     // The guide is at most 60 degrees from a ray and the view axis at most that far from the guide.
     (0.6 * UNIT_M * 2.0 * (1.0 + tx * tx + ty * ty).sqrt()) as f32
 }

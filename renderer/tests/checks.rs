@@ -79,7 +79,7 @@ fn marker() -> FrameMarker {
 }
 
 fn view() -> ViewSlot {
-    ViewSlot { camera: marker().camera, at: [0, 0], index: 0, count: 1 }
+    ViewSlot { camera: marker().camera, lens_shift_px: 0.0, at: [0, 0], index: 0, count: 1 }
 }
 
 /// The slots, with the one view of a frame behind its marker.

@@ -298,7 +298,7 @@ fn feed(
         }
         for (index, view) in (0..).zip(frame.views.iter()) {
             let count = frame.views.len() as u32;
-            let view = ViewSlot { camera: *view.camera.fields(), at: view.at, index, count };
+            let view = ViewSlot::new(view, index, count);
             if ring.push(&Slot::new(&SlotContent::View(view)), control).is_err() {
                 return;
             }

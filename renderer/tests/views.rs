@@ -14,6 +14,7 @@ use terravision_common::run::{RaysChoice, TechniqueChoice};
 use terravision_common::slot::TileSlot;
 use terravision_renderer::engine::{EngineOptions, Finished, ViewBounds};
 use terravision_renderer::source::Recording;
+use terravision_renderer::technique::NEAR_M;
 
 /// Of views that lie within `picture`.
 fn of_views(picture: [u32; 2], views: &Views) -> EngineOptions {
@@ -38,7 +39,11 @@ fn smooth(x: f64, y: f64) -> [u8; 3] {
 
 /// One frame of all nodes of level 1.
 fn recording(pose: &Camera, views: &Views) -> Arc<Recording> {
-    let mut scene = Scene::new(world([128, 128]), &rough, &smooth);
+    recording_of(pose, views, &smooth)
+}
+
+fn recording_of(pose: &Camera, views: &Views, color: &dyn Fn(f64, f64) -> [u8; 3]) -> Arc<Recording> {
+    let mut scene = Scene::new(world([128, 128]), &rough, color);
     let [columns, rows] = scene.world.nodes_at(1);
     let tiles: Vec<TileSlot> =
         (0..rows * columns).map(|i| scene.leaf(node(i % columns, i / columns, 1), pose, [0; 4])).collect();
@@ -127,6 +132,95 @@ fn a_view_from_higher_up_sees_the_same_ground() {
     }
 }
 
+#[test]
+fn a_shifted_lens_shows_a_part_of_a_wider_picture() {
+    let wide = camera([600.0, 300.0, 260.0], 20.0, -25.0, [130, 70]);
+    for shift in [14, -14] {
+        let narrow = Camera::new(CameraFields { width: 90, ..*wide.fields() }).unwrap();
+        let narrow = narrow.with_lens_shift(f64::from(shift)).unwrap();
+        let views = Views::new([View { camera: wide, at: [0, 0] }, View { camera: narrow, at: [130, 0] }]).unwrap();
+        let first = (20 + shift) as u32;
+        let part = Camera::new(CameraFields { width: 90, ..*wide.fields() }).unwrap();
+        let part = View { camera: part, at: [first, 0] };
+        for (name, options) in ways(views.picture(), &views) {
+            let frame = draw(&options, &recording(&wide, &views)).unwrap().pop().unwrap();
+            keep(&frame, &format!("shifted-{shift}-{name}"));
+            let ((rgba, depth), (whole_rgba, whole_depth)) = (cut_out(&frame, &views[1]), cut_out(&frame, &part));
+            let near = depth.iter().zip(&whole_depth).filter(|(a, b)| (*a - *b).abs() <= 0.01 * **b).count();
+            let same = rgba.iter().zip(&whole_rgba).filter(|(a, b)| a.abs_diff(**b) <= 2).count();
+            let told = format!("{name}, {shift}: {near} of {} depths, {same} of {} colours", depth.len(), rgba.len());
+            println!("{told}");
+            // Lines of swept planes, and samples of voxels, are at other places.
+            let percent = if matches!(name, "swept planes" | "coherent rays") { 90 } else { 98 };
+            assert!(near * 100 >= depth.len() * percent && same * 100 >= rgba.len() * percent, "{told}");
+            assert!(depth.iter().filter(|depth| **depth > 0.0).count() > depth.len() / 3, "{name}: ground is seen");
+        }
+    }
+}
+
+/// Detail of some ten metres, nowhere twice the same.
+fn detailed(x: f64, y: f64) -> [u8; 3] {
+    let of = |a: f64, b: f64| (127.0 + 50.0 * ((x * a).sin() + (y * b + x * 0.05).sin())) as u8;
+    [of(0.21, 0.17), of(0.13, 0.29), of(0.33, 0.11)]
+}
+
+/// Where in the right picture the surroundings of a pixel of the left one are found, in its row:
+/// columns to the left.
+fn disparity([left, right]: [&[u8]; 2], width: usize, [x, y]: [usize; 2], most: i32) -> f64 {
+    let cost = |shift: i32| {
+        let of = |dx: i32, dy: i32| {
+            let row = (y as i32 + dy) as usize * width;
+            let [from, to] = [x as i32 + dx, x as i32 + dx - shift].map(|column| 4 * (row + column as usize));
+            (0..3)
+                .map(|channel| (f64::from(left[from + channel]) - f64::from(right[to + channel])).powi(2))
+                .sum::<f64>()
+        };
+        (-4..=4).flat_map(|dy| (-4..=4).map(move |dx| (dx, dy))).map(|(dx, dy)| of(dx, dy)).sum::<f64>()
+    };
+    let best = (-most..=most).min_by(|a, b| cost(*a).total_cmp(&cost(*b))).unwrap();
+    // The lowest point of a parabola through three costs.
+    let [before, here, after] = [best - 1, best, best + 1].map(cost);
+    f64::from(best) + 0.5 * (before - after) / (before - 2.0 * here + after)
+}
+
+#[test]
+fn depth_from_the_disparity_of_a_stereo_pair_is_that_of_the_depth_output() {
+    let (separation, converge) = (16.0, 300.0);
+    let pose = camera([600.0, 200.0, 200.0], 20.0, -25.0, [200, 150]);
+    let shift = 0.5 * separation * pose.focal_px() / converge;
+    let eye = |name: &str, side: f64, x| RigView {
+        name: name.to_owned(),
+        offset_m: [0.5 * separation * side, 0.0, 0.0],
+        yaw_rad: 0.0,
+        pitch_rad: 0.0,
+        roll_rad: 0.0,
+        vfov_rad: pose.vfov_rad(),
+        lens_shift_px: -shift * side,
+        size: [200, 150],
+        at: [x, 0],
+    };
+    let views = Rig::new(vec![eye("left", -1.0, 0), eye("right", 1.0, 200)]).unwrap().views_from(&pose).unwrap();
+    let recording = recording_of(&pose, &views, &detailed);
+    for (name, options) in ways([400, 150], &views) {
+        let frame = draw(&options, &recording).unwrap().pop().unwrap();
+        keep(&frame, &format!("stereo-{name}"));
+        let [(left, depth), (right, _)] = [0, 1].map(|eye| cut_out(&frame, &views[eye]));
+        let mut errors: Vec<f64> = Vec::new();
+        for (x, y) in (24..176).step_by(8).flat_map(|x| (6..144).step_by(8).map(move |y| (x, y))) {
+            let reversed = f64::from(depth[y * 200 + x]);
+            if reversed > 0.0 {
+                let seen = disparity([&left, &right], 200, [x, y], 14);
+                let found = pose.focal_px() * separation / (seen + 2.0 * shift);
+                errors.push((found * reversed / NEAR_M - 1.0).abs());
+            }
+        }
+        errors.sort_by(f64::total_cmp);
+        let (count, median) = (errors.len(), errors[errors.len() / 2]);
+        println!("{name}: depth from disparity at {count} places, median error {:.2} %", 100.0 * median);
+        assert!(count > 100 && median < 0.03, "{name}: {count} places, median error {median}");
+    }
+}
+
 const SIDE: u32 = 65;
 
 /// A cube's six faces, side by side, a little wider than 90 degrees: the centres of the outermost
@@ -139,6 +233,7 @@ fn cube() -> Rig {
         pitch_rad: pitch * FRAC_PI_2,
         roll_rad: 0.0,
         vfov_rad: 2.0 * (f64::from(SIDE) / f64::from(SIDE - 1)).atan(),
+        lens_shift_px: 0.0,
         size: [SIDE; 2],
         at: [index * SIDE, 0],
     };

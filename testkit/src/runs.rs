@@ -47,6 +47,7 @@ pub fn config(frames: [u64; 2]) -> RunConfig {
             ground: Vec::new(),
             share: None,
             made_up: Default::default(),
+            anaglyph: false,
         },
         realtime: None,
         rig: None,

@@ -1,6 +1,7 @@
 //! Slots that open a frame, describe its views, and close it.
 
-use crate::camera::CameraFields;
+use crate::camera::{Camera, CameraError, CameraFields};
+use crate::rig::View;
 use bytemuck::{Pod, Zeroable};
 
 /// Opens a frame.
@@ -37,12 +38,32 @@ pub struct FrameMarker {
 pub struct ViewSlot {
     /// The camera that draws it, and the size of its picture.
     pub camera: CameraFields,
+    /// How far right of the line of sight the middle of its picture is, pixels.
+    pub lens_shift_px: f64,
     /// Its upper left corner in the frame's picture, pixels.
     pub at: [u32; 2],
     /// Which of the frame's views it is, from 0.
     pub index: u32,
     /// How many views the frame has, 1 to [`crate::rig::MAX_VIEWS`].
     pub count: u32,
+}
+
+impl ViewSlot {
+    /// The slot of a view.
+    #[must_use]
+    pub fn new(view: &View, index: u32, count: u32) -> Self {
+        let (camera, lens_shift_px) = (*view.camera.fields(), view.camera.lens_shift_px());
+        Self { camera, lens_shift_px, at: view.at, index, count }
+    }
+
+    /// The view.
+    ///
+    /// # Errors
+    /// [`CameraError`]: its numbers make no camera.
+    pub fn view(&self) -> Result<View, CameraError> {
+        let camera = Camera::new(self.camera)?.with_lens_shift(self.lens_shift_px)?;
+        Ok(View { camera, at: self.at })
+    }
 }
 
 /// Closes a frame.

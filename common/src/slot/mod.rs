@@ -37,7 +37,7 @@ pub struct Slot {
     payload: [u64; 16],
 }
 
-const _: () = assert!(size_of::<FrameMarker>() == 128 && size_of::<ViewSlot>() == 88);
+const _: () = assert!(size_of::<FrameMarker>() == 128 && size_of::<ViewSlot>() == 96);
 const _: () = assert!(size_of::<TileSlot>() == 56 && size_of::<FrameEnd>() == 40);
 const _: () = assert!(size_of::<ElevationSlot>() == 128);
 

@@ -164,7 +164,7 @@ proptest! {
         let colors: HashSet<NodeId> = ids(&tree, COLOR_LEAF).into_iter().collect();
         let elevations: HashSet<NodeId> = ids(&tree, ELEVATION_LEAF).into_iter().collect();
         let [right, up, forward] = case.camera.axes_in_world();
-        let [tx, ty] = case.camera.half_tangents();
+        let [tx, ty] = case.camera.picture_plane().half();
         for [s, t] in points {
             let [x, y] = [s * case.world.extent_m()[0], t * case.world.extent_m()[1]];
             let finest = NodeId::new((x / 80.0) as u32, (y / 80.0) as u32, 0).expect("in range");

@@ -1,6 +1,7 @@
 //! How the picture is made, as typed.
 
 use super::planes::PLANES_HEADING;
+use super::stereo::StereoArgs;
 use super::technique::{CompressionArg, MadeUpArg, MeasureChoice, RaysArg, TechniqueArg};
 use super::values::{self, PictureSize, Rgb};
 use clap::{Args, ValueEnum};
@@ -24,6 +25,9 @@ pub struct PictureArgs {
     /// docs/views.md.
     #[arg(long, value_name = "FILE.json")]
     pub views: Option<PathBuf>,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub stereo: StereoArgs,
     /// Vertical field of view, degrees [default: the path's own, else 60, which is 91.5 across at
     /// 16:9]
     #[arg(long, value_name = "DEGREES", conflicts_with = "hfov")]

@@ -1,9 +1,10 @@
 //! The camera model as matrices, in double precision and in the full coordinates of the CRS.
 //!
 //! ```text
-//! f = height / 2 / tan(vfov / 2)      K = | f 0 width/2  |      pixel (column, row) has its centre at
-//! square pixels                           | 0 f height/2 |      (column + 0.5, row + 0.5), from the
-//!                                         | 0 0 1        |      picture's upper left corner
+//! f = height / 2 / tan(vfov / 2)      K = | f 0 width/2 - shift |      pixel (column, row) has its centre at
+//! square pixels                           | 0 f height/2        |      (column + 0.5, row + 0.5), from the
+//!                                         | 0 0 1               |      picture's upper left corner
+//! shift: pixels from the line of sight to the picture's middle, to the right (eyes of a stereo pair)
 //! ```
 
 use glam::{DMat3, DVec3};
@@ -18,7 +19,7 @@ pub type Rows4 = [[f64; 4]; 4];
 pub fn intrinsics(camera: &Camera) -> [[f64; 3]; 3] {
     let f = camera.focal_px();
     let [cx, cy] = [camera.width(), camera.height()].map(|side| 0.5 * f64::from(side));
-    [[f, 0.0, cx], [0.0, f, cy], [0.0, 0.0, 1.0]]
+    [[f, 0.0, cx - camera.lens_shift_px()], [0.0, f, cy], [0.0, 0.0, 1.0]]
 }
 
 /// The eye in the CRS: easting, northing, and the height at which it is drawn.

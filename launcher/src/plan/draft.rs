@@ -5,6 +5,7 @@ use super::checks::{DEFAULT_FPS, check_distance, decoder_threads, exaggeration, 
 use super::compression::TexelQuestion;
 use super::picture_choice::{self, PictureChoice};
 use super::planes::PlaneFolders;
+use super::stereo;
 use super::supervision::RestartRules;
 use crate::cli::database::DatabaseArgs;
 use crate::cli::measurements::MeasurementArgs;
@@ -18,7 +19,7 @@ use crate::machine::bytes_for_people;
 use crate::measure::metrics::MetricsSocket;
 use crate::output::{FrameFolder, TemporaryFile};
 use crate::path::{Ground, PathSettings, Pose};
-use crate::rig_file::RigFile;
+use crate::rig_file::{Pictures, RigFile};
 use crate::stream::StreamTarget;
 use crate::world;
 use anyhow::anyhow;
@@ -79,7 +80,7 @@ impl<'a> Draft<'a> {
             access,
             settings,
             picture,
-            rig: picture.views.as_deref().map(RigFile::read).transpose().map_err(Failure::bad_input)?,
+            rig: None,
             resources,
             fps: DEFAULT_FPS,
             frames: [0, 1],
@@ -98,6 +99,22 @@ impl<'a> Draft<'a> {
             realtime: None,
             usual_quality: Quality::Default,
         })
+    }
+
+    /// Which cameras the poses carry.
+    ///
+    /// # Errors
+    /// Bad input: a file of views, or a stereo pair, that cannot be drawn.
+    pub(super) fn choose_rig(&mut self) -> Result<(), Failure> {
+        self.rig = self.picture.views.as_deref().map(RigFile::read).transpose().map_err(Failure::bad_input)?;
+        let exaggeration = exaggeration(self.picture.exaggeration)?;
+        let ground = WorldGround::finest(&self.database, self.database.world(), exaggeration);
+        let ground = ground.bounded(self.database.ranges());
+        if let Some((rig, note)) = stereo::pair(&self.picture.stereo, self.poses.first(), &ground)? {
+            self.rig = Some(rig);
+            self.notes.push(note);
+        }
+        Ok(())
     }
 
     pub(super) fn stream_into(&mut self, target: StreamTarget) {
@@ -126,7 +143,7 @@ impl<'a> Draft<'a> {
         self.warnings.extend(self.database.errors().take_news());
         let config = self.config(&choice, exaggeration)?;
         let layout = match &config.render.sink {
-            SinkConfig::Stream(encoding) => layout.for_stream(encoding.frame_bytes([config.width, config.height])),
+            SinkConfig::Stream(encoding) => layout.for_stream(encoding.frame_bytes(config.output_size())),
             _ => layout,
         };
         let run = self.run.to_string();
@@ -241,6 +258,7 @@ impl<'a> Draft<'a> {
             ground: std::mem::take(&mut self.ground),
             share: self.share.take(),
             made_up: picture.made_up.into(),
+            anaglyph: self.rig.as_ref().is_some_and(|rig| rig.pictures == Pictures::Anaglyph),
         }
     }
 }

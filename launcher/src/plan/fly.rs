@@ -32,6 +32,7 @@ pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
     let database = open_world(&args.world, &args.database)?;
     let mut draft =
         if args.live.camera.is_some() { draft_of_poses(args, database)? } else { draft_of_path(args, database)? };
+    draft.choose_rig()?;
     draft.share = live::share(args)?;
     draft.realtime = Some(&args.realtime);
     choose_output(&mut draft, args)?;
@@ -116,16 +117,17 @@ fn check_views(rig: Option<&RigFile>, args: &FlyArgs) -> Result<(), Failure> {
     let Some(rig) = rig else { return Ok(()) };
     if args.live.share.is_some() || live::shared_name(&args.output).is_some() {
         return Err(Failure::bad_input(anyhow!(
-            "--views and shared frames: a shared frame has one camera; write the views into a folder or a film, or leave out \
-             --views"
+            "{0} and shared frames: a shared frame has one camera; write the views into a folder or a film, or leave out {0}",
+            rig.asked()
         )));
     }
     let is_whole = is_folder_name(&args.output) || args.output == Path::new("/dev/null");
     if rig.pictures == Pictures::Separate && !is_whole {
         return Err(Failure::bad_input(anyhow!(
-            "-o {0}: the views of --views are \"separate\", and this takes one picture a frame; expected a folder, e.g. -o frames/, \
-             or \"side-by-side\" views",
-            args.output.display()
+            "-o {0}: {1} makes a picture of each view, and this takes one picture a frame; expected a folder, e.g. -o frames/, \
+             or views side by side",
+            args.output.display(),
+            rig.asked()
         )));
     }
     Ok(())
@@ -149,7 +151,7 @@ fn stream_to_stdout(draft: &mut Draft<'_>) -> Result<(), Failure> {
 
 /// What a film of odd sides becomes.
 fn of_odd_sides(plan: &FlightPlan) -> Option<String> {
-    let size = [plan.config.width, plan.config.height];
+    let size = plan.config.output_size();
     let [width, height] = even(size);
     let is_padded = matches!(plan.stream, Some(StreamTarget::Film { .. })) && size != [width, height];
     is_padded.then(|| {

@@ -18,6 +18,7 @@ mod live;
 mod picture_choice;
 mod planes;
 mod pose;
+mod stereo;
 mod still;
 pub mod supervision;
 

@@ -29,6 +29,7 @@ pub fn still(args: &StillArgs) -> Result<FlightPlan, Failure> {
     let mut draft = Draft::new(database, &args.database, &args.picture, &args.resources, settings)?;
     draft.poses = vec![pose];
     draft.warnings = warnings;
+    draft.choose_rig()?;
     draft.usual_quality = Quality::Finest;
     check_picture(&args.output)?;
     check_plane("--depth", args.depth.as_deref(), "depths are float32")?;

@@ -1,4 +1,4 @@
-//! Files of views (`--views`): the cameras that a pose carries, and how their pictures are put
+//! Files of views (`--views`), and stereo pairs (`--stereo`): the cameras that a pose carries, and how their pictures are put
 //! together. docs/views.md explains the format.
 
 mod error;
@@ -29,10 +29,12 @@ pub enum Pictures {
     SideBySide,
     /// A picture of each.
     Separate,
+    /// Two views as one picture for glasses, red at the left eye and cyan at the right one.
+    Anaglyph,
 }
 
 /// A view, as it is written.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ViewEntry {
     name: String,
@@ -49,6 +51,7 @@ struct ViewEntry {
     #[serde(default)]
     roll_deg: f64,
     vfov_deg: Option<f64>,
+    convergence_m: Option<f64>,
     width: Option<u32>,
     height: Option<u32>,
     x: Option<u32>,
@@ -63,10 +66,11 @@ struct Written {
     views: Vec<ViewEntry>,
 }
 
-/// A file of views that was read.
+/// Views that were asked for.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RigFile {
-    path: PathBuf,
+    /// The flag that asked for it.
+    asked: String,
     /// How the pictures are put together.
     pub pictures: Pictures,
     views: Vec<ViewEntry>,
@@ -78,28 +82,29 @@ impl RigFile {
     /// # Errors
     /// [`RigError`].
     pub fn read(path: &Path) -> Result<Self, RigError> {
-        let bytes =
-            read_bounded(path, MAX_VIEWS_BYTES).map_err(|source| RigError::Read { path: path.to_owned(), source })?;
+        let asked = || asked_by(path);
+        let bytes = read_bounded(path, MAX_VIEWS_BYTES).map_err(|source| RigError::Read { asked: asked(), source })?;
         Self::parse(path, &bytes)
     }
 
     fn parse(path: &Path, bytes: &[u8]) -> Result<Self, RigError> {
+        let asked = || asked_by(path);
         let written: Written =
-            serde_json::from_slice(bytes).map_err(|source| RigError::Json { path: path.to_owned(), source })?;
-        let file = Self { path: path.to_owned(), pictures: written.pictures, views: written.views };
+            serde_json::from_slice(bytes).map_err(|source| RigError::Json { asked: asked(), source })?;
+        let file = Self { asked: asked(), pictures: written.pictures, views: written.views };
         if !(1..=MAX_VIEWS).contains(&file.views.len()) {
             let source = rig::RigError::Count { found: file.views.len() };
-            return Err(RigError::Rig { path: path.to_owned(), source });
+            return Err(RigError::Rig { asked: asked(), source });
         }
         for (index, view) in file.views.iter().enumerate() {
             file.check(index, view)?;
         }
         let placed = file.views.iter().filter(|view| view.x.is_some() || view.y.is_some()).count();
         if placed > 0 && !file.views.iter().all(|view| view.x.is_some() && view.y.is_some()) {
-            return Err(RigError::HalfPlaced { path: path.to_owned() });
+            return Err(RigError::HalfPlaced { asked: asked() });
         }
         if placed > 0 && file.pictures == Pictures::Separate {
-            return Err(RigError::PlacedApart { path: path.to_owned() });
+            return Err(RigError::PlacedApart { asked: asked() });
         }
         Ok(file)
     }
@@ -107,7 +112,7 @@ impl RigFile {
     fn check(&self, index: usize, view: &ViewEntry) -> Result<(), RigError> {
         let bad = |key, found: String, expected| {
             let view = if view.name.is_empty() { format!("number {}", index + 1) } else { view.name.clone() };
-            Err(RigError::Value { path: self.path.clone(), view, key, found, expected })
+            Err(RigError::Value { asked: self.asked.clone(), view, key, found, expected })
         };
         let is_name = |name: &str| {
             let is_letter = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_');
@@ -133,12 +138,45 @@ impl RigFile {
         if let Some(vfov) = view.vfov_deg.filter(|vfov| !(1.0..=170.0).contains(vfov)) {
             return bad("vfov_deg", vfov.to_string(), "degrees from 1 to 170");
         }
+        if let Some(ahead_m) = view.convergence_m {
+            if !(ahead_m > 0.0 && ahead_m <= FARTHEST_M) {
+                return bad("convergence_m", ahead_m.to_string(), "metres above 0, up to 1000000");
+            }
+            if [view.ahead_m, view.yaw_deg, view.pitch_deg, view.roll_deg] != [0.0; 4] {
+                let expected = "none, as the view is turned or moved ahead: only parallel views in one plane converge";
+                return bad("convergence_m", ahead_m.to_string(), expected);
+            }
+            if view.right_m.abs() > ahead_m {
+                let expected =
+                    "at least as many metres as its right_m, or views meet at an angle of more than 45 degrees";
+                return bad("convergence_m", ahead_m.to_string(), expected);
+            }
+        }
         for (key, side) in [("width", view.width), ("height", view.height)] {
             if let Some(side) = side.filter(|side| !(1..=MAX_SIDE_PX).contains(side)) {
                 return bad(key, side.to_string(), "pixels from 1 to 65536");
             }
         }
         Ok(())
+    }
+
+    /// A left and a right eye, this far apart, whose pictures meet `convergence_m` ahead.
+    #[must_use]
+    pub fn stereo(pictures: Pictures, separation_m: f64, convergence_m: f64) -> Self {
+        let eye = |name: &str, right_m| ViewEntry {
+            name: name.to_owned(),
+            right_m,
+            convergence_m: Some(convergence_m),
+            ..ViewEntry::default()
+        };
+        let views = vec![eye("left", -0.5 * separation_m), eye("right", 0.5 * separation_m)];
+        Self { asked: "--stereo".to_owned(), pictures, views }
+    }
+
+    /// The flag that asked for it, for messages.
+    #[must_use]
+    pub fn asked(&self) -> &str {
+        &self.asked
     }
 
     /// The names of the views, in their order.
@@ -157,26 +195,43 @@ impl RigFile {
             let size = [view.width.unwrap_or(size[0]), view.height.unwrap_or(size[1])];
             let at = view.x.zip(view.y).map_or([right, 0], |(x, y)| [x, y]);
             right = right.saturating_add(size[0]);
+            let vfov_rad = view.vfov_deg.map_or(vfov_rad, f64::to_radians);
+            let focal_px = 0.5 * f64::from(size[1]) / (0.5 * vfov_rad).tan();
             views.push(RigView {
                 name: view.name.clone(),
                 offset_m: [view.right_m, view.ahead_m, view.up_m],
                 yaw_rad: view.yaw_deg.to_radians(),
                 pitch_rad: view.pitch_deg.to_radians(),
                 roll_rad: view.roll_deg.to_radians(),
-                vfov_rad: view.vfov_deg.map_or(vfov_rad, f64::to_radians),
+                vfov_rad,
+                lens_shift_px: view.convergence_m.map_or(0.0, |ahead_m| -view.right_m * focal_px / ahead_m),
                 size,
                 at,
             });
         }
         self.check_places(&views)?;
-        Rig::new(views).map_err(|source| RigError::Rig { path: self.path.clone(), source })
+        self.check_pair(&views)?;
+        Rig::new(views).map_err(|source| RigError::Rig { asked: self.asked.clone(), source })
+    }
+
+    fn check_pair(&self, views: &[RigView]) -> Result<(), RigError> {
+        let found = match views {
+            _ if self.pictures != Pictures::Anaglyph => return Ok(()),
+            [left, right] if left.size == right.size => return Ok(()),
+            [left, right] => {
+                let [left, right] = [left.size, right.size].map(|[width, height]| format!("{width}x{height}"));
+                format!("sizes {left} and {right}")
+            }
+            others => format!("{} views", others.len()),
+        };
+        Err(RigError::NoPair { asked: self.asked.clone(), found })
     }
 
     fn check_places(&self, views: &[RigView]) -> Result<(), RigError> {
         let end = |view: &RigView, axis: usize| u64::from(view.at[axis]) + u64::from(view.size[axis]);
         let [width, height] = [0, 1].map(|axis| views.iter().map(|view| end(view, axis)).max().unwrap_or(0));
         if width.max(height) > u64::from(MAX_SIDE_PX) || width * height > MOST_PIXELS {
-            return Err(RigError::TooLarge { path: self.path.clone(), width, height });
+            return Err(RigError::TooLarge { asked: self.asked.clone(), width, height });
         }
         let overlaps = |a: &RigView, b: &RigView| {
             (0..2).all(|axis| u64::from(a.at[axis]) < end(b, axis) && u64::from(b.at[axis]) < end(a, axis))
@@ -184,11 +239,15 @@ impl RigFile {
         for (index, view) in views.iter().enumerate() {
             if let Some(other) = views[..index].iter().find(|other| overlaps(view, other)) {
                 let [first, second] = [&other.name, &view.name].map(String::clone);
-                return Err(RigError::Overlap { path: self.path.clone(), first, second });
+                return Err(RigError::Overlap { asked: self.asked.clone(), first, second });
             }
         }
         Ok(())
     }
+}
+
+fn asked_by(path: &Path) -> String {
+    format!("--views {}", path.display())
 }
 
 /// The folder of a view's frames, within the folder of a flight's.
@@ -224,6 +283,19 @@ mod tests {
     }
 
     #[test]
+    fn eyes_converge_where_their_pictures_show_the_same() {
+        let rig = RigFile::stereo(Pictures::Anaglyph, 4.0, 100.0).rig([640, 480], 1.0).unwrap();
+        let shifts = [0, 1].map(|eye| rig.views()[eye].lens_shift_px);
+        let focal_px = 240.0 / 0.5f64.tan();
+        assert_eq!(shifts, [2.0 * focal_px / 100.0, -2.0 * focal_px / 100.0]);
+        let text = |entry: &str| format!(r#"{{"pictures": "anaglyph", "views": [{{"name": "a"}}{entry}]}}"#);
+        let error = parse(&text("")).unwrap().rig([64, 48], 1.0).unwrap_err().to_string();
+        assert!(error.ends_with("found 1 views"), "{error}");
+        let error = parse(&text(r#", {"name": "b", "width": 5}"#)).unwrap().rig([64, 48], 1.0).unwrap_err().to_string();
+        assert!(error.ends_with("found sizes 64x48 and 5x48"), "{error}");
+    }
+
+    #[test]
     fn views_have_places_sizes_and_angles_of_their_own() {
         let file = parse(
             r#"{"pictures": "side-by-side", "views": [
@@ -255,6 +327,15 @@ mod tests {
             ),
             (r#"{"views": [{"name": "a", "up_m": 1e7}]}"#.to_owned(), "the up_m of view a is 10000000"),
             (r#"{"views": [{"name": "a", "yaw_deg": 361}]}"#.to_owned(), "degrees from -360 to 360"),
+            (r#"{"views": [{"name": "a", "convergence_m": 0}]}"#.to_owned(), "is 0, expected metres above 0"),
+            (
+                r#"{"views": [{"name": "a", "right_m": 9, "convergence_m": 8}]}"#.to_owned(),
+                "is 8, expected at least as many metres as its right_m",
+            ),
+            (
+                r#"{"views": [{"name": "a", "yaw_deg": 9, "convergence_m": 8}]}"#.to_owned(),
+                "is 8, expected none, as the view is turned",
+            ),
             (r#"{"views": [{"name": "a", "width": 0}]}"#.to_owned(), "pixels from 1 to 65536"),
             (
                 r#"{"views": [{"name": "a", "x": 0, "y": 0}, {"name": "b"}]}"#.to_owned(),

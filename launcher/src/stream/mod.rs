@@ -153,7 +153,7 @@ impl StreamKeeper {
     /// [`StreamError::StartEncoder`], [`StreamError::Write`], [`StreamError::Ring`].
     pub fn start(run: &RunId, config: &RunConfig, target: Option<&StreamTarget>) -> Result<Option<Self>, StreamError> {
         let (Some(target), SinkConfig::Stream(_)) = (target, &config.render.sink) else { return Ok(None) };
-        let size = [config.width, config.height];
+        let size = config.output_size();
         let shape = StreamShape { frames: config.frames, has_gaps: config.realtime.is_some() };
         let ring = StreamReader::open(run).map_err(|source| StreamError::Ring { source })?;
         let (encoder, out): (_, Box<dyn Write + Send>) = match target {

@@ -215,7 +215,7 @@ impl FrameMaker {
         }))?;
         for (index, view) in (0u32..).zip(views.iter()) {
             let count = views.len() as u32;
-            out.slot(&SlotContent::View(ViewSlot { camera: *view.camera.fields(), at: view.at, index, count }))?;
+            out.slot(&SlotContent::View(ViewSlot::new(view, index, count)))?;
         }
         Ok(())
     }

@@ -32,6 +32,8 @@ pub(super) struct Sector {
     /// Columns and rows of the turned picture.
     size: [u32; 2],
     focal_px: f64,
+    /// Where the middle of the turned picture lies on the plane of depth 1.
+    middle: [f64; 2],
     /// Axes of the turned camera.
     right: DVec3,
     up: DVec3,
@@ -121,12 +123,15 @@ impl Sector {
 
     fn turned(camera: &Camera, turn: Turn, lines_per_px: f64) -> Self {
         let [right, up, forward] = camera.axes_in_world();
-        let [along, upward] = turn.steps().map(|[x, y]| right * f64::from(x) - up * f64::from(y));
+        let steps = turn.steps();
+        let [along, upward] = steps.map(|[x, y]| right * f64::from(x) - up * f64::from(y));
+        let middle_x = camera.picture_plane().middle_x();
         let [width, height] = [camera.width(), camera.height()];
         Self {
             turn,
             size: if turn.0.is_multiple_of(2) { [width, height] } else { [height, width] },
             focal_px: camera.focal_px(),
+            middle: steps.map(|[x, _]| middle_x * f64::from(x)),
             right: along,
             up: upward,
             forward,
@@ -208,11 +213,11 @@ impl Sector {
 
     /// Place of a pixel's middle on the plane of depth 1.
     fn place_x(&self, x: u32) -> f64 {
-        (f64::from(x) + 0.5 - 0.5 * f64::from(self.size[0])) / self.focal_px
+        (f64::from(x) + 0.5 - 0.5 * f64::from(self.size[0])) / self.focal_px + self.middle[0]
     }
 
     fn place_y(&self, row: u32) -> f64 {
-        (f64::from(row) + 0.5 - 0.5 * f64::from(self.size[1])) / self.focal_px
+        (f64::from(row) + 0.5 - 0.5 * f64::from(self.size[1])) / self.focal_px + self.middle[1]
     }
 
     /// How fast a vertical line goes up in the picture, and sideways.
@@ -266,7 +271,7 @@ impl Sector {
         let rise = direction.dot(self.up.truncate());
         let depth = direction.dot(self.forward.truncate());
         let slope = |edge: u32, otherwise: f64| {
-            let y = (f64::from(edge) - 0.5 * f64::from(self.size[1])) / self.focal_px;
+            let y = (f64::from(edge) - 0.5 * f64::from(self.size[1])) / self.focal_px + self.middle[1];
             let up = self.upness(y);
             let slope = (y * depth - rise) / up;
             if up > 0.0 && slope.is_finite() { slope.clamp(-STEEPEST, STEEPEST) } else { otherwise }
@@ -280,9 +285,9 @@ impl Sector {
         [self.up.z, self.forward.z]
     }
 
-    /// Height of the turned picture, pixels.
-    pub(super) fn height(&self) -> u32 {
-        self.size[1]
+    /// Where the line of sight passes the rows of the turned picture, from its lower edge.
+    pub(super) fn sight_row(&self) -> f64 {
+        0.5 * f64::from(self.size[1]) - self.middle[1] * self.focal_px
     }
 
     /// Column and row in the picture of the turned picture's lower left pixel, and from pixel to

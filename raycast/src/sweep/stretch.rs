@@ -91,7 +91,7 @@ impl<S: Simd> Tracer<'_, S> {
         let height = (simd.load(&block.rise) + points.slope * per_height) * simd.floats(self.focal_px);
         let per_depth = simd.floats(1.0) / depth;
         Place {
-            row: height * per_depth + simd.floats(self.middle),
+            row: height * per_depth + simd.floats(self.sight_row),
             seen: points.nearness * per_depth,
             is_far: simd.less(depth * simd.floats(FURTHEST_PX), simd.magnitude(height)),
         }
@@ -144,7 +144,7 @@ impl<S: Simd> Tracer<'_, S> {
             let cut = |height: f32, depth: f32, other: f32, other_depth: f32| {
                 let least = depth * LEAST_DEPTH;
                 let share = (depth - least) / (depth - other_depth);
-                [(height + (other - height) * share) / least + self.middle, 1.0 / least]
+                [(height + (other - height) * share) / least + self.sight_row, 1.0 / least]
             };
             match (is_far_before, is_far) {
                 (false, false) => {}

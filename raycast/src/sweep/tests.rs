@@ -57,10 +57,11 @@ proptest! {
     fn every_pixel_is_put_once_in_any_attitude(
         heading in -180.0f64..180.0, pitch in -100.0f64..100.0, roll in -180.0f64..180.0,
         quarters in prop::option::of((-4i32..=4, -4i32..=4)), vfov in 1.0f64..150.0,
-        width in 1u32..90, height in 1u32..90, lines_per_px in 0.2f64..2.0,
+        width in 1u32..90, height in 1u32..90, lines_per_px in 0.2f64..2.0, shift in prop::option::of(-99.0f64..99.0),
     ) {
         let [pitch, roll] = quarters.map_or([pitch, roll], |(a, b)| [f64::from(a * 45) / 2.0, f64::from(b * 45)]);
         let camera = camera([heading, pitch, roll], vfov, [width, height]);
+        let camera = camera.with_lens_shift(shift.unwrap_or(0.0)).expect("valid");
         let times = times(&camera, lines_per_px);
         prop_assert!(times.iter().all(|n| *n == 1), "{camera:?}: {times:?}");
     }

@@ -42,8 +42,8 @@ pub(super) struct Tracer<'a, S> {
     /// Of slopes: pixels of height and metres of depth on the plane of depth 1.
     pub(super) per_slope: [f32; 2],
     pub(super) focal_px: f32,
-    /// Half the height of the turned picture, pixels.
-    pub(super) middle: f32,
+    /// The row on the line of sight, counted from the bottom of the turned picture.
+    pub(super) sight_row: f32,
     /// Rows that are looked at.
     pub(super) rows: [f32; 2],
     /// Steps that were sampled.
@@ -115,7 +115,7 @@ impl<'a, S: Simd> Tracer<'a, S> {
             heights: Heights::new(scene),
             per_slope: sector.per_slope().map(|of| of as f32),
             focal_px: scene.view.focal_px(),
-            middle: 0.5 * sector.height() as f32,
+            sight_row: sector.sight_row() as f32,
             rows: block.rows,
             samples: 0,
         })
@@ -231,7 +231,7 @@ impl<'a, S: Simd> Tracer<'a, S> {
         let slope = slope.max(block.lowest[k]).min(block.highest[k]);
         let per_depth = 1.0 / (block.depth[k] + slope * self.per_slope[1]);
         let height = (block.rise[k] + slope * self.per_slope[0]) * per_depth;
-        [height * self.focal_px + self.middle, nearness * per_depth]
+        [height * self.focal_px + self.sight_row, nearness * per_depth]
     }
 
     /// The first row whose middle is above a slope.

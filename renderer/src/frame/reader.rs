@@ -219,8 +219,7 @@ impl FrameReader {
             let eye_on_lattice = surface.lattice_of_foot(surface.foot(view.camera.eye()));
             eye_on_lattice.abs().max_element() <= MAX_NODE_SIDE as f64
         };
-        let view = Camera::new(slot.camera).ok().map(|camera| View { camera, at: slot.at });
-        let Some(view) = view.filter(|view| view.is_within(picture) && is_near(view)) else {
+        let Some(view) = slot.view().ok().filter(|view| view.is_within(picture) && is_near(view)) else {
             return Err(FrameError::View { frame, index, picture });
         };
         self.views.push(view);

@@ -1,8 +1,8 @@
 //! The sinks of a run: what its configuration comes to.
 
 use super::{
-    AllOf, DepthSink, FrameSink, GroundSink, NullSink, PngFileSink, PngFolderSink, RepeatSink, SharedSink, SinkError,
-    SplitViewsSink, StreamSink,
+    AllOf, AnaglyphSink, DepthSink, FrameSink, GroundSink, NullSink, PngFileSink, PngFolderSink, RepeatSink,
+    SharedSink, SinkError, SplitViewsSink, StreamSink,
 };
 use std::sync::Arc;
 use terravision_common::run::{PlaneTarget, RunConfig, SinkConfig};
@@ -56,6 +56,7 @@ fn sink_of_worker(given: Given<'_>) -> Result<Box<dyn FrameSink>, SinkError> {
     let Given { config, origin, .. } = given;
     let render = &config.render;
     let picture = picture_sink(&render.sink, given)?;
+    let picture = if render.anaglyph { Box::new(AnaglyphSink::new(picture)) } else { picture };
     if render.depth.is_empty() && render.ground.is_empty() && render.share.is_none() {
         return Ok(picture);
     }
@@ -87,7 +88,7 @@ fn picture_sink(sink: &SinkConfig, given: Given<'_>) -> Result<Box<dyn FrameSink
         SinkConfig::PngFile(path) => Box::new(PngFileSink::new(path)),
         // What is left out of a stream the launcher makes up for.
         SinkConfig::Stream(encoding) => {
-            return Ok(Box::new(StreamSink::open(run, control, *encoding, [config.width, config.height])?));
+            return Ok(Box::new(StreamSink::open(run, control, *encoding, config.output_size())?));
         }
         SinkConfig::Null => Box::new(NullSink),
         SinkConfig::EachView(sinks) => {

@@ -1,6 +1,7 @@
 //! Where pictures go: one trait, a sibling file per sink. Sinks run on threads of their own
 //! ([`workers`]).
 
+mod anaglyph;
 mod choose;
 mod null;
 mod png;
@@ -13,6 +14,7 @@ mod tiff;
 pub mod workers;
 mod yuv;
 
+pub use anaglyph::AnaglyphSink;
 pub use choose::sinks_of;
 pub use null::NullSink;
 pub use png::{PngFileSink, PngFolderSink};

@@ -7,7 +7,7 @@ use crate::technique::NEAR_M;
 use glam::DVec3;
 use std::fs;
 use std::path::Path;
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, PicturePlane};
 use terravision_common::run::{MadeUp, PlaneTarget};
 use terravision_common::surface::CrsFrame;
 use tiff::encoder::colortype::{ColorType, Gray32Float, RGB64Float};
@@ -166,17 +166,15 @@ pub(super) fn depth_m(reversed: f32) -> f64 {
 pub(super) struct GroundView {
     eye: DVec3,
     axes: [DVec3; 3],
-    half_tangents: [f64; 2],
-    size: [f64; 2],
+    plane: PicturePlane,
     crs: CrsFrame,
     exaggeration: f64,
 }
 
 impl GroundView {
     pub(super) fn new(camera: &Camera, origin: [f64; 2], exaggeration: f64) -> Self {
-        let size = [f64::from(camera.width()), f64::from(camera.height())];
-        let (eye, axes, half_tangents) = (camera.eye(), camera.axes_in_world(), camera.half_tangents());
-        Self { eye, axes, half_tangents, size, crs: CrsFrame::new(origin), exaggeration }
+        let (eye, axes, plane) = (camera.eye(), camera.axes_in_world(), camera.picture_plane());
+        Self { eye, axes, plane, crs: CrsFrame::new(origin), exaggeration }
     }
 
     /// Of all pixels, in rows of `width` from the top.
@@ -190,9 +188,7 @@ impl GroundView {
     /// Of a pixel; the ray is that of `Camera::ray_in_world`.
     fn at(&self, [column, row]: [usize; 2], reversed: f32) -> [f64; 3] {
         let [right, up, forward] = self.axes;
-        let (px, py) = (column as f64 + 0.5, row as f64 + 0.5);
-        let x = (2.0 * px / self.size[0] - 1.0) * self.half_tangents[0];
-        let y = (1.0 - 2.0 * py / self.size[1]) * self.half_tangents[1];
+        let [x, y] = self.plane.place(column as f64 + 0.5, row as f64 + 0.5);
         let at = self.eye + (forward + right * x + up * y) * depth_m(reversed);
         let place = self.crs.place(at);
         [place.x, place.y, place.z / self.exaggeration]

@@ -255,7 +255,7 @@ impl Slots for RecordedSource {
             })
         } else if let Some(view) = frame.views.get(self.slot - 1) {
             let (index, count) = (self.slot as u32 - 1, views as u32);
-            SlotContent::View(ViewSlot { camera: *view.camera.fields(), at: view.at, index, count })
+            SlotContent::View(ViewSlot::new(view, index, count))
         } else if self.slot < before_tiles {
             let named = frame.elevations.chunks(ElevationSlot::MOST).nth(self.slot - 1 - views);
             SlotContent::Elevation(ElevationSlot::of(named.unwrap_or_default()))

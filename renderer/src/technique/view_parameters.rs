@@ -22,11 +22,12 @@ pub fn view_parameters(camera: &Camera, world: &World, datum_z_m: f64) -> (ViewP
     let surface = world.surface();
     let cell = surface.eye_cell(camera.eye());
     let [right, up, forward] = camera.axes_in_world();
-    let [tan_x, tan_y] = camera.half_tangents();
+    let plane = camera.picture_plane();
+    let [tan_x, tan_y] = plane.half();
     let row = |v: DVec3| v.as_vec3().to_array();
     let extent = world.extent();
     let view = ViewParameters {
-        clip_x: row(right / tan_x),
+        clip_x: row((right - forward * plane.middle_x()) / tan_x),
         unit_m: surface.unit_m() as f32,
         // Vulkan's y points down the picture.
         clip_y: row(-up / tan_y),

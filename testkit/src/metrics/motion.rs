@@ -1,7 +1,7 @@
 //! What changes from one frame of a flight to the next, apart from the motion itself.
 
 use glam::DVec3;
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, PicturePlane};
 
 /// Change of a picture after its motion was taken out.
 #[derive(Debug, Clone, PartialEq)]
@@ -94,18 +94,12 @@ const BLOCK: usize = 16;
 struct Projection {
     eye: DVec3,
     axes: [DVec3; 3],
-    tangents: [f64; 2],
-    size: [f64; 2],
+    plane: PicturePlane,
 }
 
 impl Projection {
     fn new(camera: &Camera) -> Self {
-        Self {
-            eye: camera.eye(),
-            axes: camera.axes_in_world(),
-            tangents: camera.half_tangents(),
-            size: [f64::from(camera.width()), f64::from(camera.height())],
-        }
+        Self { eye: camera.eye(), axes: camera.axes_in_world(), plane: camera.picture_plane() }
     }
 
     /// Column and row (a pixel's centre is at + 0.5) and depth of a point, if it is before the
@@ -114,8 +108,8 @@ impl Projection {
         let p = point - self.eye;
         let [x, y, depth] = self.axes.map(|axis| axis.dot(p));
         (depth > 0.0).then(|| {
-            let (tx, ty) = (x / depth / self.tangents[0], y / depth / self.tangents[1]);
-            (0.5 * (1.0 + tx) * self.size[0], 0.5 * (1.0 - ty) * self.size[1], depth)
+            let [px, py] = self.plane.pixel([x / depth, y / depth]);
+            (px, py, depth)
         })
     }
 }

@@ -24,6 +24,7 @@ use terravision_common::shm::Stage;
 /// The report of a run.
 #[must_use]
 pub fn report(config: &RunConfig, stats: &RunStats) -> Report {
+    let [width, height] = config.output_size();
     let collector = &stats.collector;
     let frames = &collector.frames;
     let frame_ms = frame_ms(frames);
@@ -45,8 +46,8 @@ pub fn report(config: &RunConfig, stats: &RunStats) -> Report {
         frame_ms_p99: spread.ms_p99,
         frame_ms_max: spread.ms_max,
         frame_ms,
-        width: config.width,
-        height: config.height,
+        width,
+        height,
         technique: collector.technique().unwrap_or_default(),
         technique_reason: collector.technique_reason(),
         device: collector.device(),

@@ -9,7 +9,7 @@ import { Latency } from './latency';
 import { EMPTY, isPilot, type State } from './state';
 import { Store } from './store';
 
-const PICK_PATIENCE_MS = 400;
+const PICK_PATIENCE_MS = 1500;
 const GROUND_EVERY_MS = 200;
 const PANEL_EVERY_MS = 100;
 
@@ -206,13 +206,14 @@ export class Viewer {
     };
   }
 
-  private sendPose(inputAt: number): void {
+  /** Sends the camera of now; without an input its picture is no answer whose time counts. */
+  private sendPose(inputAt?: number): void {
     const pose = this.pose!;
     const id = this.lastId + 1;
     if (!this.connection.send({ type: 'pose', id, ...pose })) return;
     this.lastId = id;
     this.lastSent = pose;
-    this.latency.poseSent(id, inputAt);
+    if (inputAt !== undefined) this.latency.poseSent(id, inputAt);
   }
 
   private receive(message: ServerMessage): void {
@@ -271,11 +272,13 @@ export class Viewer {
   private takeState(state: StateMessage, isWelcome: boolean): void {
     const wasPilot = this.isPilot;
     const { flight, reason, settings, pilot, people } = state;
+    // A flight that is started again is told as that, and does not count as a slow answer.
+    if (flight !== 'flying') this.latency.clear();
     this.store.set({ flight, flightReason: reason, settings, pilot, people });
     if (!this.isPilot || (wasPilot && !isWelcome)) return;
     // After a reconnection the camera is where this page has it; one that takes over goes on where the other one was.
     if (!isWelcome) this.pose = this.picture?.shown?.pose ?? this.pose;
-    if (this.pose !== undefined) this.sendPose(performance.now());
+    if (this.pose !== undefined) this.sendPose();
     this.moved();
   }
 

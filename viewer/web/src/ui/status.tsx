@@ -28,7 +28,8 @@ export function Status({ app }: { app: App }) {
   const state = useStore(app.viewer.store, (value) => value);
   const condition = conditionOf(state);
   const { figures, latency } = state;
-  const isLive = condition.kind === 'good';
+  // Rates and latency are those of a moving camera.
+  const isLive = condition.text === 'Live';
   return (
     <div class={`status ${condition.kind}`}>
       <span class="lamp" aria-hidden="true" />
@@ -66,7 +67,7 @@ export function People({ app }: { app: App }) {
   const name = people.find((person) => person.id === pilot)?.name;
   return (
     <span class="people">
-      <span>{pilot === null ? 'Nobody flies' : `${name ?? 'Another one'} flies`}</span>
+      <span>{pilot === null ? 'Nobody flies' : `${name || 'Another one'} flies`}</span>
       <Button isPrimary click={() => app.viewer.takeOver()}>
         Take over
       </Button>
