@@ -34,6 +34,14 @@ impl Picture {
         Self { has_depth, ..Self::default() }
     }
 
+    /// Whether pixels have depth from the next [`Picture::set_size`] on.
+    pub fn set_depth(&mut self, has_depth: bool) {
+        self.has_depth = has_depth;
+        if !has_depth {
+            self.depths.clear();
+        }
+    }
+
     /// Makes planes of this size, black where they had another one before, and draws all of them.
     pub fn set_size(&mut self, size: [u32; 2]) {
         let count = size[0] as usize * size[1] as usize;
@@ -114,6 +122,13 @@ impl Picture {
     #[inline(always)]
     fn pixel(&self, [x, y]: [u32; 2]) -> usize {
         self.first + y as usize * self.planes[0] as usize + x as usize
+    }
+
+    /// Colour and depth of a pixel, in a picture that has depth.
+    #[inline(always)]
+    pub(crate) fn get(&self, pixel: [u32; 2]) -> (u32, f32) {
+        let at = self.pixel(pixel);
+        (self.colors[at].load(Ordering::Relaxed), f32::from_bits(self.depths[at].load(Ordering::Relaxed)))
     }
 
     #[inline(always)]

@@ -156,8 +156,7 @@ impl RaysEngine {
             caster: Caster::new(options.workers)?,
             grounds: [heights, voxels],
             blocks: BlockReader::new(&world),
-            // Outlines and holes are found by what pixels show.
-            picture: Picture::empty(options.has_depth || options.has_tree_overlay || world.has_validity()),
+            picture: Picture::empty(options.has_depth),
             layers: Vec::with_capacity(4096),
             outlines: Vec::with_capacity(4096),
             finished: None,
@@ -173,7 +172,7 @@ impl Engine for RaysEngine {
     fn describe(&self) -> Described {
         let workers = self.caster.workers().count();
         let device = format!("CPU, {workers} worker{}", if workers == 1 { "" } else { "s" });
-        let (technique, reason) = (TechniqueChoice::Rays.name(), self.options.reason);
+        let (technique, reason) = (TechniqueChoice::Rays.name(), self.options.reason.clone());
         Described { technique, reason, device, driver: self.choice.words() }
     }
 
@@ -263,6 +262,10 @@ impl RaysEngine {
             ..CastOptions::default()
         };
         self.costs = DrawCosts::default();
+        // Outlines, holes and soft edges are found by how far pixels are.
+        let has_depth = self.options.has_depth || self.options.has_tree_overlay;
+        let has_validity = self.blocks.world().has_validity();
+        self.picture.set_depth(has_depth || has_validity || options.sweep.has_soft_edges);
         self.picture.set_size(frame.layout().size);
         for (index, view) in frame.views.iter().enumerate() {
             self.picture.set_rectangle(view.at, view.size());

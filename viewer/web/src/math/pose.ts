@@ -95,5 +95,5 @@ export function isPose(value: unknown): value is Pose {
 export const samePose = (a: Pose, b: Pose): boolean =>
   a.x === b.x && a.y === b.y && a.z === b.z && a.heading === b.heading && a.pitch === b.pitch && a.roll === b.roll && a.vfov === b.vfov;
 
-/** The same pose with angles as people write them. */
-export const tidy = (pose: Pose): Pose => ({ ...pose, heading: wrap(pose.heading) });
+/** The same pose with its heading as people write it, and without what else its object may have. */
+export const tidy = ({ x, y, z, heading, pitch, roll, vfov }: Pose): Pose => ({ x, y, z, heading: wrap(heading), pitch, roll, vfov });

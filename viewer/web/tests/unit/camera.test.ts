@@ -164,6 +164,7 @@ test('angles wrap', () => {
   assert.equal(turn(350, 10), 20);
   assert.equal(turn(10, 350), -20);
   assert.equal(tidy({ ...POSE, heading: 725 }).heading, 5);
+  assert.deepEqual(Object.keys(tidy({ ...POSE, t: 3 } as Pose)), ['x', 'y', 'z', 'heading', 'pitch', 'roll', 'vfov']);
 });
 
 test('what is not a pose is refused', () => {
