@@ -164,7 +164,7 @@ test('a drag holds the ground under the cursor', async () => {
   const [u, v] = [450, 300];
   const taken = await under(u, v);
   await page.mouse.down();
-  await page.waitForTimeout(500);
+  await page.waitForTimeout(1000);
   for (let i = 1; i <= 12; i++) await page.mouse.move(u + 8 * i, v - 4 * i, { steps: 2 });
   await page.mouse.up();
   await caughtUp();
@@ -180,7 +180,7 @@ test('a right drag turns about the place under the cursor', async () => {
   const before = await under(u, v);
   const distance = (to: Pose) => Math.hypot(to.x - before[0], to.y - before[1], to.z - before[2]);
   await page.mouse.down({ button: 'right' });
-  await page.waitForTimeout(500);
+  await page.waitForTimeout(1000);
   await page.mouse.move(u + 100, v + 20, { steps: 10 });
   await page.mouse.up({ button: 'right' });
   const turned = await pose();
@@ -212,7 +212,8 @@ test('fingers pan, zoom, turn and tilt', async () => {
   const gesture = async (from: [number, number][], to: [number, number][]) => {
     await atStart();
     await send('touchStart', from);
-    await page.waitForTimeout(450);
+    // Until the server has said what the fingers hold.
+    await page.waitForTimeout(1000);
     for (let i = 1; i <= 10; i++) {
       await send('touchMove', from.map(([x, y], k) => [x + ((to[k]![0] - x) * i) / 10, y + ((to[k]![1] - y) * i) / 10]));
       await page.waitForTimeout(20);
@@ -256,7 +257,7 @@ test('a path is recorded from keyframes, played, saved, and flown by `terravisio
   await jump({ x: start.x + 400, heading: start.heading + 20 });
   await page.keyboard.press('k');
   await page.getByRole('tab', { name: 'Path' }).click();
-  await page.getByLabel('Duration').fill('1.5');
+  await page.getByLabel('Duration').fill('3');
   await page.getByLabel('Duration').press('Enter');
   await page.getByRole('button', { name: 'Play', exact: true }).click();
   await until('it flies', async () => {
@@ -269,8 +270,8 @@ test('a path is recorded from keyframes, played, saved, and flown by `terravisio
   await file.saveAs(path);
   await terravision('path', world, '--path', path, '-o', frames);
   const poses = (JSON.parse(await readFile(frames, 'utf8')) as { frames: Pose[] }).frames;
-  assert.equal(poses.length, 46);
-  assert.ok(Math.abs(poses[45]!.x - start.x - 400) < 0.01);
+  assert.equal(poses.length, 91);
+  assert.ok(Math.abs(poses[90]!.x - start.x - 400) < 0.01);
   await page.getByRole('button', { name: 'Remove all keyframes' }).click();
   await page.getByRole('button', { name: 'Undo' }).click();
   await page.getByText('2 keyframes').waitFor();
