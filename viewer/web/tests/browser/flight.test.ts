@@ -81,7 +81,9 @@ const stillAt = async (at: Pose, width: number, height: number): Promise<Pixels>
 test('loads: the world, a picture, no request to another host', async () => {
   assert.match(await page.title(), /TerraVision/);
   await until('it says what it does', async () => /Live|At rest|Exact/.test(await page.locator('.status [role=status]').innerText()));
-  await until('figures have come', async () => /\/s/.test(await page.locator('.status').innerText()));
+  await page.getByRole('tab', { name: 'Figures' }).click();
+  await until('figures have come', async () => /Drawn\s*[\d.]+ \/s/.test(await page.locator('.tab-content').innerText()));
+  await page.getByRole('tab', { name: 'Fly' }).click();
 });
 
 test('at rest the picture is that of `terravision still`, byte for byte', async () => {
