@@ -46,6 +46,13 @@ impl Picture {
         })
     }
 
+    /// Color and depth of a pixel.
+    #[inline(always)]
+    pub(crate) fn get(&self, [x, y]: [u32; 2]) -> (u32, f32) {
+        let bits = self.pixels[y as usize * self.size[0] as usize + x as usize].load(Ordering::Relaxed);
+        (bits as u32, f32::from_bits((bits >> 32) as u32))
+    }
+
     #[inline(always)]
     pub(crate) fn put(&self, pixel: [u32; 2], rgba: u32, depth: f32) {
         self.put_row(pixel, &[(rgba, depth)]);

@@ -46,6 +46,8 @@ pub(super) struct Fan {
     pub(super) rows: Vec<Row>,
     pub(super) blocks: Vec<Block>,
     pub(super) steps: Vec<Step>,
+    /// Whether edges of ground are looked for.
+    pub(super) finds_edges: bool,
 }
 
 impl Fan {
@@ -70,6 +72,7 @@ impl Fan {
     /// Makes the planes and steps of a sector.
     pub(super) fn set(&mut self, sector: Sector, rows: &[Row], scene: &Scene<'_>, detail: &SweepDetail) {
         self.sector = Some(sector);
+        self.finds_edges = detail.has_soft_edges;
         self.rows.clear();
         self.rows.extend_from_slice(rows);
         self.blocks.clear();

@@ -11,6 +11,7 @@
 //!    strips of 128 lines, to whichever worker is free:
 //!    trace: heights under sixteen planes, horizon by horizon ─▶ strip: nearness of rows
 //!    shade: rows of pixels ─▶ place, footprint ─▶ texels, out of the tiles' layers in place ─▶ picture
+//!    edges: at best, pixels on silhouettes: what their middle does not see is mixed in
 //! ```
 //!
 //! The surface is that of all methods: facets of the ground's tiles. It is sampled at steps of so
@@ -18,6 +19,7 @@
 //! vectors of sixteen numbers (`terravision_common::simd`), done by the widest instructions that the processor
 //! has ([`Instructions`]), with the same bits by all of them.
 
+mod edges;
 mod fan;
 mod heights;
 mod sector;
@@ -69,6 +71,8 @@ pub struct SweepDetail {
     pub footprint_across: f32,
     /// Whether two texels of a footprint are averaged.
     pub has_two_taps: bool,
+    /// Whether pixels on edges of ground, against ground behind it and the sky, show both sides.
+    pub has_soft_edges: bool,
 }
 
 impl SweepDetail {
@@ -81,10 +85,18 @@ impl SweepDetail {
         footprint_along: 0.5,
         footprint_across: 0.7,
         has_two_taps: false,
+        has_soft_edges: false,
     };
     /// As near to the truth as it gets.
-    pub const BEST: Self =
-        Self { step_px: 1.0, of_spacing: 0.125, post_px: 1.0, lines_per_px: 0.75, has_two_taps: true, ..Self::DEFAULT };
+    pub const BEST: Self = Self {
+        step_px: 1.0,
+        of_spacing: 0.125,
+        post_px: 1.0,
+        lines_per_px: 0.75,
+        has_two_taps: true,
+        has_soft_edges: true,
+        ..Self::DEFAULT
+    };
 
     /// As densely as facets of this size are: a cell of two facets is as wide as the square root of
     /// two. Then no leaf of the tree is coarser than its distance wants. Steps are no longer than by
@@ -232,6 +244,10 @@ impl Work for Shade<'_> {
         let StripWork { canvas, fan, first, detail } = self.work;
         let lines = first * LANES..(first + self.work.blocks().len()) * LANES;
         let Some(mut shader) = Shader::new(simd, canvas, fan, detail) else { return 0 };
-        shader.shade(self.strip, lines)
+        let ground = shader.shade(self.strip, lines.clone());
+        if detail.has_soft_edges {
+            shader.soften(self.strip, lines);
+        }
+        ground
     }
 }

@@ -293,7 +293,12 @@ impl Row {
         if line >= count {
             return self.end;
         }
-        let by = line as f64 - 0.5 - self.line;
+        self.pixel_from(line as f64 - 0.5)
+    }
+
+    /// The first pixel whose middle is on a line or behind it.
+    pub(super) fn pixel_from(&self, line: f64) -> u32 {
+        let by = line - self.line;
         if self.per_pixel == 0.0 {
             return if by <= 0.0 { self.first } else { self.end };
         }
