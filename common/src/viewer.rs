@@ -169,7 +169,7 @@ pub enum FlightState {
 pub struct FlightNews {
     /// Number of the flight, from 1.
     pub number: u32,
-    /// Its process; 0 while there is none.
+    /// Its process; 0 while no flight runs.
     pub pid: u32,
     /// How it is.
     pub state: FlightState,
@@ -191,6 +191,13 @@ pub enum ToViewer {
     Setup(Box<ViewerSetup>),
     /// The flight has changed.
     Flight(FlightNews),
+    /// What was wished for cannot be flown: the flight goes on like this.
+    GoesOn {
+        /// Size of its pictures, pixels.
+        size: [u32; 2],
+        /// How it draws.
+        settings: StreamSettings,
+    },
     /// What the flight says.
     Notice {
         /// It is not as it should be.

@@ -34,6 +34,7 @@ use std::io;
 use std::net::TcpListener;
 use std::process::ExitCode;
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 use terrain::Terrain;
 use terravision_common::bug::report_panics;
 use terravision_common::log::start_stage;
@@ -42,6 +43,8 @@ use terravision_common::terminal::complain;
 
 /// Threads that serve clients; encoding has others.
 const WORKERS: usize = 2;
+/// Longest time to take leave of all clients.
+const LEAVE_WITHIN: Duration = Duration::from_secs(1);
 /// Most threads that encode, read heights and the like.
 const BLOCKING_THREADS: usize = 8;
 
@@ -81,9 +84,14 @@ fn serve() -> Result<(), ViewerError> {
         tokio::spawn(hub::flight_metrics::watch(Arc::clone(&hub)));
         tokio::spawn(hub::wishes::tell_launcher(Arc::clone(&hub)));
         http::serve(listener, Arc::clone(&hub)).await;
+        // Clients are told why; the rest of their sessions ends with the runtime.
+        let end = Instant::now() + LEAVE_WITHIN;
+        while hub.clients() > 0 && Instant::now() < end {
+            tokio::time::sleep(Duration::from_millis(10)).await;
+        }
         Ok(())
     });
     // Stills that are being drawn are told to end when they are dropped.
-    runtime.shutdown_timeout(std::time::Duration::from_millis(300));
+    runtime.shutdown_timeout(Duration::from_millis(300));
     served.map_err(ViewerError::Os)
 }

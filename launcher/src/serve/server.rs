@@ -170,6 +170,8 @@ impl<'a> Server<'a> {
         if has_given_up && proven != self.wanted && self.flight_back_off.strikes() == 0 {
             let text = format!("the flight cannot be flown like this, and goes on as before: it {reason}");
             self.say_to_all(true, text);
+            let (size, settings) = proven.clone();
+            self.tell_viewer(&ToViewer::GoesOn { size, settings });
             (self.wanted, self.flight_due) = (proven, Instant::now());
             return Ok(());
         }
@@ -245,27 +247,30 @@ impl<'a> Server<'a> {
             }
             return;
         }
-        if let Some(warning) = text.strip_prefix("warning: ") {
-            return self.say_to_all(true, warning.to_owned());
+        // What a flight that is started again sums up is of no interest.
+        if self.told_to_end.is_some() {
+            return;
         }
-        // How many frames a flight had that was started again is of no interest.
-        let is_of_interest = self.told_to_end.is_none() && !text.starts_with("waiting for poses");
-        if is_of_interest && !self.args.shared.resources.quiet {
+        if let Some(warning) = text.strip_prefix("warning: ") {
+            self.say_to_all(true, warning.to_owned());
+        } else if !text.starts_with("waiting for poses") && !self.args.shared.resources.quiet {
             complain(line);
         }
     }
 
     fn say_to_all(&mut self, is_warning: bool, text: String) {
         complain(&format!("terravision: {}{text}", if is_warning { "warning: " } else { "" }));
-        if let Some(viewer) = &mut self.viewer {
-            viewer.tell(&ToViewer::Notice { is_warning, text });
-        }
+        self.tell_viewer(&ToViewer::Notice { is_warning, text });
     }
 
     fn tell(&mut self, state: FlightState, reason: Option<String>) {
         (self.news.state, self.news.reason) = (state, reason);
+        self.tell_viewer(&ToViewer::Flight(self.news.clone()));
+    }
+
+    fn tell_viewer(&mut self, message: &ToViewer) {
         if let Some(viewer) = &mut self.viewer {
-            viewer.tell(&ToViewer::Flight(self.news.clone()));
+            viewer.tell(message);
         }
     }
 }

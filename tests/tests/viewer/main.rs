@@ -139,7 +139,7 @@ fn settings_start_the_flight_again_and_bad_ones_change_nothing() {
     for bad in [r#""fps":0"#, r#""technique":"--output""#, r#""exaggeration":-1"#] {
         assert_eq!(client.refused(&format!(r#"{{"type":"settings",{bad}}}"#)), "bad-settings", "{bad}");
     }
-    // What the flight itself refuses is told, and it goes on as before: samples are the mesh's.
+    // What the flight itself refuses is told, and it goes on as before.
     client.say(&json!({"type": "settings", "technique": "mesh"}));
     let notice = client.until("a warning", |_, heard| match heard {
         Heard::Text(text) if text["type"] == "notice" && text["level"] == "warning" => Some(text),
@@ -203,6 +203,7 @@ fn what_is_wrong_is_refused_with_a_reason() {
     assert_eq!(refused(server.ask("POST", "/api/heights", &foreign, b"[]")), (403, "wrong-origin".into()));
     assert_eq!(connect(&server, &foreign).err(), Some(403));
     assert!(connect(&server, &[("Origin", &format!("http://127.0.0.1:{}", server.port))]).is_ok());
+    assert_eq!(wrong("Sec-Fetch-Site", "cross-site"), (403, "wrong-origin".into()));
     assert_eq!(refused(server.get("/../../etc/passwd")), (404, "not-found".into()));
     assert_eq!(refused(server.get("/api/nothing")), (404, "not-found".into()));
     assert_eq!(refused(server.ask("DELETE", "/api/info", &[], b"")), (405, "wrong-method".into()));

@@ -53,6 +53,11 @@ fn check(hub: &Hub, request: &Request) -> Result<(), ApiError> {
             return Err(ApiError::new(StatusCode::FORBIDDEN, "wrong-origin", text));
         }
     }
+    // A page elsewhere cannot read answers, but it could have stills drawn.
+    if is_api && headers.get("sec-fetch-site").is_some_and(|site| site == "cross-site") {
+        let text = "Sec-Fetch-Site: expected a page of this server to ask, found another site";
+        return Err(ApiError::new(StatusCode::FORBIDDEN, "wrong-origin", text));
+    }
     if !is_api || hub.setup().token.is_none() || path == SOCKET {
         return Ok(());
     }

@@ -296,6 +296,16 @@ impl Hub {
         });
     }
 
+    /// What was wished for cannot be flown; the wish is to be what is flown, so that the next one
+    /// does not repeat it.
+    pub(crate) fn forget_wish(&self, size: [u32; 2], settings: StreamSettings) {
+        self.wish.send_if_modified(|wish| {
+            *wish = Some(Wish { size, settings });
+            // The launcher knows.
+            false
+        });
+    }
+
     fn check_writable(&self) -> Result<(), Refusal> {
         if self.setup().is_read_only {
             return Err(("read-only", "this server is read-only: nobody moves the camera or changes settings".into()));

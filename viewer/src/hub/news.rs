@@ -13,6 +13,7 @@ pub(crate) fn listen(mut news: News, hub: Arc<Hub>) -> io::Result<JoinHandle<()>
         while let Some(message) = news.next() {
             match message {
                 Ok(ToViewer::Flight(flight)) => hub.note_flight(flight),
+                Ok(ToViewer::GoesOn { size, settings }) => hub.forget_wish(size, settings),
                 Ok(ToViewer::Notice { is_warning, text }) => hub.note(is_warning, text),
                 Ok(ToViewer::Setup(_)) => {}
                 Err(error) => tracing::warn!(%error, "the launcher's message cannot be read"),

@@ -19,7 +19,7 @@ pub(crate) struct View {
 }
 
 impl View {
-    /// A window of so many CSS pixels, each `dpr` pixels of the device.
+    /// A window of this many CSS pixels, each `dpr` pixels of the device.
     pub(crate) fn new(size: [f64; 2], dpr: f64) -> Result<Self, Refusal> {
         let is_side = |side: f64| (1.0..=65_536.0).contains(&side);
         if !size.into_iter().all(is_side) || !(0.1..=16.0).contains(&dpr) {

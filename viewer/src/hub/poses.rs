@@ -63,9 +63,12 @@ impl Poses {
     pub(crate) fn adopt(&self, pose: ViewerPose, time_s: f64) -> SentPose {
         let mut sending = lock(&self.sending);
         let adopted = SentPose { pose, time_s, client: 0, id: 0, received_ms: now_ms() };
-        sending.newest = adopted;
         sending.remember(adopted);
-        self.changed.send_replace(time_s);
+        // Somebody may have moved it meanwhile.
+        if sending.newest.client == 0 {
+            sending.newest = adopted;
+            self.changed.send_replace(time_s);
+        }
         adopted
     }
 
@@ -133,6 +136,9 @@ mod tests {
         assert!(newest.time_s > first.time_s);
         assert_eq!(poses.of_time(newest.time_s), Some(newest));
         assert_eq!(poses.of_time(first.time_s), None);
+        poses.adopt(start, 5.0);
+        assert_eq!((poses.newest(), poses.of_time(5.0).map(|sent| sent.pose)), (newest, Some(start)));
+        let poses = Poses::new(start);
         assert_eq!(poses.adopt(start, 5.0), poses.newest());
     }
 }

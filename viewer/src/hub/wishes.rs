@@ -26,12 +26,8 @@ pub(crate) async fn tell_launcher(hub: Arc<Hub>) {
     while wishes.changed().await.is_ok() {
         while let Ok(Ok(())) = tokio::time::timeout(SETTLES_AFTER, wishes.changed()).await {}
         let wish = wishes.borrow_and_update().clone();
-        let Some(Wish { size, settings }) = wish else { continue };
-        let is_so = {
-            let flight = hub.flight.borrow();
-            flight.size == size && flight.settings == settings
-        };
-        if !is_so {
+        // The launcher knows whether that is how it flies, or is about to.
+        if let Some(Wish { size, settings }) = wish {
             hub.link.tell(&FromViewer::Fly { size, settings });
         }
     }

@@ -47,7 +47,8 @@ pub(crate) async fn run(socket: WebSocket, hub: Arc<Hub>, is_known: bool) {
             return writer.bye(&refusal).await;
         }
     };
-    let seat = Seat { hub: Arc::clone(&hub), client };
+    // Given up when all is said.
+    let _seat = Seat { hub: Arc::clone(&hub), client };
     let (answers, waiting) = mpsc::channel(MOST_ANSWERS);
     let (acknowledge, acknowledged) = watch::channel(0);
     let mut reader = Reader { hub, client, answers, acknowledge, errors: 0, window: (Instant::now(), 0) };
@@ -55,7 +56,6 @@ pub(crate) async fn run(socket: WebSocket, hub: Arc<Hub>, is_known: bool) {
         refusal = reader.run(&mut stream) => refusal,
         refusal = writer.run(client, waiting, acknowledged) => refusal,
     };
-    drop(seat);
     if let Some(refusal) = refusal {
         writer.bye(&refusal).await;
     }

@@ -42,7 +42,8 @@ pub(crate) fn next(hub: &Hub, shown: Option<&Shown>) -> Next {
     match exact {
         Some(exact) if is_better => Next::Exact(exact),
         None if is_better => Next::Frame(picture, level),
-        _ => Next::Nothing((level == Level::Moving).then(|| picture.since + REST_AFTER)),
+        // A moment that has passed is not worth waking for: the camera is elsewhere already.
+        _ => Next::Nothing(Some(picture.since + REST_AFTER).filter(|rest| *rest > Instant::now())),
     }
 }
 
