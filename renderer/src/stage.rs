@@ -62,7 +62,7 @@ pub fn run(run: &StageRun) -> Result<(), RendererError> {
     let ports = Ports::open(run).map_err(RunError::from)?;
     let mut source = ports.into_source(run, world).map_err(RunError::from)?;
     let written = source.control().written_frames();
-    let sinks = sinks_of(config, world.fields().origin, written).map_err(RunError::from)?;
+    let sinks = sinks_of(run, source.control(), world.fields().origin, written).map_err(RunError::from)?;
     let workers = SinkWorkers::start(sinks).map_err(RunError::from)?;
     run::run(
         options(config)?,

@@ -141,6 +141,10 @@ impl<'a> Draft<'a> {
         let cameras = self.cameras(&choice, exaggeration)?;
         self.warnings.extend(self.database.errors().take_news());
         let config = self.config(&choice, exaggeration)?;
+        let layout = match &config.render.sink {
+            SinkConfig::Stream(encoding) => layout.for_stream(encoding.frame_bytes(config.output_size())),
+            _ => layout,
+        };
         let run = self.run.to_string();
         let temporary = |path: &Path| TemporaryFile::create(path, &run).map_err(Failure::bad_input);
         Ok(FlightPlan {

@@ -41,6 +41,8 @@ pub(super) struct Shader<'a, S> {
     directions: [Vec3; 3],
     /// The tile that pixels are likely over.
     current: Option<TilePaint<'a>>,
+    /// That of a row's first pixels, over which the next row mostly begins, too.
+    begun: Option<TilePaint<'a>>,
 }
 
 /// Where a row is in its strip.
@@ -72,7 +74,7 @@ impl<'a, S: Simd> Shader<'a, S> {
         let [corner, along, up] = pixel_steps;
         let directions = [scene.view.direction_at(corner[0] as f32, corner[1] as f32), direction(along), direction(up)];
         let layout = scene.ground.shape().color;
-        Some(Self { simd, canvas, scene, fan, detail, layout, pixel_steps, directions, current: None })
+        Some(Self { simd, canvas, scene, fan, detail, layout, pixel_steps, directions, current: None, begun: None })
     }
 
     /// Shades all pixels of the strip of the lines `lines`; how many of them are ground.
@@ -93,6 +95,7 @@ impl<'a, S: Simd> Shader<'a, S> {
                 line: first_line,
                 per_pixel: row.lines_per_pixel() as f32,
             };
+            self.current = self.begun;
             let mut x = from;
             while x < to {
                 let end = to.min(x + AHEAD_PIXELS);
@@ -101,6 +104,9 @@ impl<'a, S: Simd> Shader<'a, S> {
                     place.line = first_line + place.per_pixel * (first - from) as f32;
                     let count = (end - first).min(LANES as u32);
                     ground += self.pixels(&place, [first, number], count, &mut ahead);
+                    if first == from {
+                        self.begun = self.current;
+                    }
                 }
                 ahead.color(self.simd);
                 self.put([x, number], (end - x) as usize, &ahead);
@@ -242,14 +248,9 @@ impl<'a, S: Simd> Shader<'a, S> {
     /// Puts pixels into the picture.
     #[inline(always)]
     fn put(&self, [x, number]: [u32; 2], count: usize, ahead: &Ahead<'a>) {
-        let simd = self.simd;
         let [_, along, _] = self.pixel_steps;
-        let mut pixels = [0; LANES * AHEAD];
-        let (chunks, _) = pixels.as_chunks_mut();
-        for ((chunk, color), depth) in chunks.iter_mut().zip(&ahead.colors).zip(&ahead.depths) {
-            simd.store_joined(simd.load_words(color), simd.load(depth), chunk);
-        }
-        self.canvas.picture.put_along(self.pixel([x, number]), along, &pixels[..count]);
+        let (colors, depths) = (ahead.colors.as_flattened(), ahead.depths.as_flattened());
+        self.canvas.picture.put_along(self.pixel([x, number]), along, &colors[..count], &depths[..count]);
     }
 
     /// Where a pixel of the sector is in the picture.

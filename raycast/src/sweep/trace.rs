@@ -46,7 +46,7 @@ pub(super) struct Tracer<'a, S> {
     pub(super) focal_px: f32,
     /// The row on the line of sight, counted from the bottom of the turned picture.
     pub(super) sight_row: f32,
-    /// Rows of the sector.
+    /// Rows that are looked at.
     pub(super) rows: [f32; 2],
     pub(super) finds_edges: bool,
     /// Steps that were sampled.
@@ -138,7 +138,7 @@ impl<'a, S: Simd> Tracer<'a, S> {
             per_slope: sector.per_slope().map(|of| of as f32),
             focal_px: scene.view.focal_px(),
             sight_row: sector.sight_row() as f32,
-            rows: sector.rows.map(|row| row as f32),
+            rows: block.rows,
             finds_edges: fan.finds_edges,
             samples: 0,
         })

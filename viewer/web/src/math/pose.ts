@@ -1,4 +1,4 @@
-import { degrees, dot, radians, sub, wrap, type Vec3 } from './vector';
+import { dot, radians, sub, wrap, type Vec3 } from './vector';
 
 /**
  * Where the camera is and what it looks at: easting, northing and height in metres, angles in degrees.
@@ -51,10 +51,6 @@ export function axesOf(pose: Pose): Axes {
 
 /** The focal length, in the unit of the picture's size. */
 export const focalOf = (pose: Pose, size: Size): number => size.height / 2 / Math.tan(radians(pose.vfov) / 2);
-
-/** The horizontal field of view, degrees. */
-export const hfovOf = (pose: Pose, size: Size): number =>
-  2 * degrees(Math.atan((size.width / size.height) * Math.tan(radians(pose.vfov) / 2)));
 
 /** The direction that a point of the picture shows; its part along the view axis is 1, so that a multiple is a depth. */
 export function rayThrough(pose: Pose, size: Size, point: Point): Vec3 {

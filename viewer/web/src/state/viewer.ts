@@ -124,10 +124,6 @@ export class Viewer {
     this.connection.send({ type: 'take-over' });
   }
 
-  release(): void {
-    this.connection.send({ type: 'release' });
-  }
-
   resized(): void {
     const { width, height } = this.picture!.size;
     this.connection.send({ type: 'size', size: [width, height], dpr: window.devicePixelRatio });

@@ -1,4 +1,5 @@
 import type { App } from '../app';
+import { samePose } from '../math/pose';
 import { isPilot, type State } from '../state/state';
 import { useStore } from '../state/store';
 import { Button } from './controls';
@@ -21,7 +22,8 @@ function conditionOf(state: State): Condition {
   if (flight === 'restarting') return { kind: 'busy', text: 'Starting the flight again …', detail: flightReason ?? '' };
   if (shown === undefined) return { kind: 'busy', text: 'Waiting for the first picture …' };
   if (!state.isOverWorld) return { kind: 'busy', text: 'Beside the world', detail: 'There are no data under the camera. R flies back to the start.' };
-  return { kind: 'good', text: shown.isExact ? 'Exact' : shown.isAtRest ? 'At rest' : 'Live' };
+  const isOfNow = state.pose === undefined || samePose(shown.pose, state.pose);
+  return { kind: 'good', text: !isOfNow ? 'Live' : shown.isExact ? 'Exact' : shown.isAtRest ? 'At rest' : 'Live' };
 }
 
 export function Status({ app }: { app: App }) {
