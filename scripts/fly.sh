@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # From nothing to a film: installs what is missing, builds, makes the default world, ingests it, flies around its highest
-# mountains. Everything lands under out/. A second run reuses what is there; delete a file or folder to have it made anew.
+# mountains. With --serve it serves the world to web browsers instead: the address to open is the last line, Ctrl-C ends it.
+# Everything lands under out/. A second run reuses what is there; delete a file or folder to have it made anew.
 #
 #   TERRAVISION_SIZE    posts along a side of the world (4096)
 #   TERRAVISION_FRAMES  frames of the film (240)
@@ -8,6 +9,11 @@
 #   TERRAVISION_OUT     where everything lands (out)
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
+
+if [[ $# -gt 1 || ($# == 1 && $1 != --serve) ]]; then
+  printf 'usage: scripts/fly.sh [--serve]\n' >&2
+  exit 2
+fi
 
 readonly SIZE=${TERRAVISION_SIZE:-4096}
 readonly FRAMES=${TERRAVISION_FRAMES:-240}
@@ -36,6 +42,11 @@ fi
 if [[ ! -f $world/manifest.json || $world/manifest.json -ot $source/.complete ]]; then
   say "ingesting it: $world"
   "$terravision" ingest --elevation "$source/dem.tif" --color "$source/ortho.tif" -o "$world" --overwrite
+fi
+
+if [[ ${1:-} == --serve ]]; then
+  say "serving it: open this address in a browser"
+  exec "$terravision" serve "$world"
 fi
 
 # Is $1 there, and newer than the world and the programs that made it?
@@ -82,12 +93,12 @@ stage() { sed -n "/^  \"stages\"/,/^  }/p" "$report" | sed -n "/\"$1\"/,/}/s/^ *
 absolute() { printf '%s' "$(cd "$(dirname "$1")" && pwd)/$(basename "$1")"; }
 printf '\nfilm           %s\nstills         %s\ncontact sheet  %s\nreport         %s\n\n' \
   "$(absolute "$film")" "$(absolute "$stills")/" "$(absolute "$sheet")" "$(absolute "$report")"
-printf 'device         %s, %s\n' "$(figure device)" "$(figure driver)"
+printf 'drawn by       %s (%s), %s, %s\n' "$(figure technique)" "$(figure technique_reason)" "$(figure device)" "$(figure driver)"
 printf 'flight         %.0f frames at %s, %.1f frames/s, %.1f s to the first frame, settled: %s\n' \
   "$(figure frames)" "$PICTURE" "$(figure fps)" "$(figure time_to_first_frame_s)" "$(figure settled)"
 printf 'frame          median %.1f ms, 99 %% below %.1f ms, worst %.1f ms\n' \
   "$(figure frame_ms_median)" "$(figure frame_ms_p99)" "$(figure frame_ms_max)"
 printf 'stages         generator %.2f ms, preparer %.2f ms, renderer %.2f ms a frame (medians)\n' \
   "$(stage generator)" "$(stage preparer)" "$(stage renderer)"
-printf 'load           %.0f triangles a frame (median), %.0f tiles uploaded, %.0f MB of memory in all\n' \
-  "$(figure triangles_median)" "$(figure uploaded)" "$(figure all)"
+printf 'load           %.0f nodes of the tree a frame (median), %.0f tiles loaded, %.0f MB of memory in all\n' \
+  "$(figure nodes_median)" "$(figure loaded)" "$(figure all)"

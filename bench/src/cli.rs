@@ -130,7 +130,14 @@ pub struct QualityArgs {
     /// Views, evenly of a round over the world
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=240))]
     pub views: u32,
-    /// More arguments for 'terravision still', e.g. -- --technique rays
+    /// Draw by every technique that needs no GPU, and print a table of how true each is and what a
+    /// frame of it costs
+    ///
+    /// The cost is processor time of all processes, of a flight around the strongest relief whose
+    /// pictures go to a pipe: measure it on a machine that does nothing else.
+    #[arg(long)]
+    pub techniques: bool,
+    /// More arguments for 'terravision still' (and 'fly'), e.g. -- --technique rays
     #[arg(last = true, value_name = "ARGUMENTS")]
     pub still: Vec<String>,
 }

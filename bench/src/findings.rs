@@ -18,6 +18,8 @@ pub struct Findings {
     pub curves: Vec<Curve>,
     /// Benches that have drawn a plot of their own.
     pub drawn: Vec<&'static str>,
+    /// Tables of the numbers that are easier to read than a list of them, printed in its place.
+    pub tables: Vec<String>,
     /// Facts beside the numbers: the device, the database.
     pub facts: Vec<(&'static str, String)>,
 }
@@ -56,7 +58,12 @@ impl Findings {
         for (name, value) in &self.facts {
             writeln!(out, "{name}: {value}")?;
         }
-        write!(out, "\n{}", table(&self.measurements))?;
+        if self.tables.is_empty() {
+            write!(out, "\n{}", table(&self.measurements))?;
+        }
+        for table in &self.tables {
+            write!(out, "\n{table}")?;
+        }
         summary(&self.measurements).map_or(Ok(()), |(line, _)| writeln!(out, "\n{line}"))
     }
 

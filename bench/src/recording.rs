@@ -104,7 +104,7 @@ pub fn record_frames(settings: &Settings, flight: &Flight, trees: &RecordedTrees
     session.start(Stage::Prefetcher)?;
     session.start(Stage::Preparer)?;
     let control = Control::open(&run)?;
-    let mut recorded = RecordedFrames { array_len: elevation.array_f32() as usize, ..RecordedFrames::default() };
+    let mut recorded = RecordedFrames { array_len: elevation.array_len() as usize, ..RecordedFrames::default() };
     let mut log = EventLog::default();
     let mut start = 0;
     std::thread::scope(|scope| {

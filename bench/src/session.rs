@@ -87,6 +87,7 @@ impl Session {
             decoder_threads: std::thread::available_parallelism().map_or(1, |n| n.get() as u32),
             render: RenderConfig {
                 technique: settings.technique,
+                technique_reason: "asked for".to_owned(),
                 rays: settings.rays,
                 sky_rgb: [150, 190, 235],
                 samples: settings.samples,

@@ -72,7 +72,7 @@ pub enum EventContent {
     /// What one draw of a frame cost: the event's duration, by the device's own clock or of all
     /// processor cores together.
     FrameDraw {
-        /// What drew: never [`TechniqueChoice::Auto`].
+        /// What drew.
         technique: TechniqueChoice,
         /// Which view of the frame, from 0.
         view: u8,
@@ -252,7 +252,6 @@ const fn layer_number(layer: Layer) -> u64 {
 /// A technique's number in an event.
 const fn technique_number(technique: TechniqueChoice) -> u32 {
     match technique {
-        TechniqueChoice::Auto => 0,
         TechniqueChoice::Mesh => 1,
         TechniqueChoice::Rays => 2,
     }

@@ -2,24 +2,28 @@
 //! writes the stream, so that the stream survives when the renderer dies.
 //!
 //! ```text
-//! renderer ──packets──▶ pipe ──▶ launcher: whole packets, each frame once ──▶ ffmpeg's input, or standard output
+//! renderer ──frames──▶ stream ring (shared memory) ──▶ launcher: each frame once ──▶ ffmpeg's input, or standard output
+//!    └─────packets───▶ pipe: which frame lies where ────┘
 //! ```
 
 use serde::{Deserialize, Serialize};
 
-/// The header before the bytes of a frame in the pipe: which frame, and how many bytes.
+/// What the pipe says of a frame that lies in the stream ring, whole.
 ///
 /// Two little-endian `u64`. A killed renderer may leave half a packet at the end of its pipe, which
 /// is discarded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct PacketHeader {
+pub struct Packet {
     /// Number of the frame in its flight.
     pub frame: u64,
-    /// Bytes that follow.
-    pub bytes: u64,
+    /// Its position in the ring.
+    pub position: u64,
 }
 
-impl PacketHeader {
+impl Packet {
+    /// In place of a frame: all before this position is void. The first packet of a renderer, because
+    /// one before it may have been killed before it told of a frame.
+    pub const BEGIN: u64 = u64::MAX;
     /// Length in the pipe, bytes.
     pub const SIZE: usize = 16;
 
@@ -28,7 +32,7 @@ impl PacketHeader {
     pub fn to_bytes(self) -> [u8; Self::SIZE] {
         let mut out = [0; Self::SIZE];
         out[..8].copy_from_slice(&self.frame.to_le_bytes());
-        out[8..].copy_from_slice(&self.bytes.to_le_bytes());
+        out[8..].copy_from_slice(&self.position.to_le_bytes());
         out
     }
 
@@ -36,7 +40,7 @@ impl PacketHeader {
     #[must_use]
     pub fn from_bytes(bytes: [u8; Self::SIZE]) -> Self {
         let half = |from: usize| u64::from_le_bytes(std::array::from_fn(|n| bytes[from + n]));
-        Self { frame: half(0), bytes: half(8) }
+        Self { frame: half(0), position: half(8) }
     }
 }
 
@@ -143,10 +147,10 @@ mod tests {
     }
 
     #[test]
-    fn a_header_travels_as_sixteen_bytes() {
-        let header = PacketHeader { frame: 7, bytes: 1 << 40 };
-        assert_eq!(PacketHeader::from_bytes(header.to_bytes()), header);
-        assert_eq!(header.to_bytes()[..8], [7, 0, 0, 0, 0, 0, 0, 0]);
+    fn a_packet_travels_as_sixteen_bytes() {
+        let packet = Packet { frame: 7, position: 1 << 40 };
+        assert_eq!(Packet::from_bytes(packet.to_bytes()), packet);
+        assert_eq!(packet.to_bytes()[..8], [7, 0, 0, 0, 0, 0, 0, 0]);
     }
 
     #[test]

@@ -19,7 +19,8 @@
 //!   text on a terminal. [`bug`]: reports of panics.
 //! * [`log`]: logging of all processes.
 //! * [`threads`]: whether threads can be started. [`run`]: the configuration of a run, from the
-//!   launcher to each stage. [`report`]: the report of a run.
+//!   launcher to each stage. [`report`]: the report of a run. [`viewer`]: what launcher and viewer
+//!   tell each other.
 
 pub mod bug;
 pub mod camera;
@@ -55,4 +56,5 @@ pub mod top_levels;
 pub mod traversal;
 pub mod tree;
 pub mod validity;
+pub mod viewer;
 pub mod world;

@@ -215,10 +215,10 @@ impl Prediction {
 #[serde(deny_unknown_fields)]
 pub struct RenderConfig {
     /// How the ground is drawn.
-    #[serde(default)]
     pub technique: TechniqueChoice,
+    /// Why that draws, a clause (see [`crate::technique`]).
+    pub technique_reason: String,
     /// How rays are cast, if they are used.
-    #[serde(default)]
     pub rays: RaysChoice,
     /// Colour of the sky, 8 bit RGB.
     pub sky_rgb: [u8; 3],
@@ -288,12 +288,9 @@ impl MadeUp {
 }
 
 /// How the ground is drawn (docs/techniques.md).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TechniqueChoice {
-    /// As a mesh if there is a Vulkan device, otherwise by rays.
-    #[default]
-    Auto,
     /// As triangles, by a Vulkan device.
     Mesh,
     /// By rays; see [`RaysChoice`] for what casts them.
@@ -305,7 +302,6 @@ impl TechniqueChoice {
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
-            Self::Auto => "auto",
             Self::Mesh => "mesh",
             Self::Rays => "rays",
         }
@@ -313,11 +309,10 @@ impl TechniqueChoice {
 }
 
 /// How rays are cast.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum RaysChoice {
     /// One exact ray per pixel, through maxima of the heights.
-    #[default]
     Mipmap,
     /// Samples of voxels along lines of pixels.
     Coherent,
@@ -326,7 +321,7 @@ pub enum RaysChoice {
     /// One exact ray per pixel, by a Vulkan device.
     Compute,
     /// On a GPU, if there is one; otherwise the faster of the first two, measured on one of the
-    /// first frames.
+    /// first frames. In exact mode the first.
     Auto,
 }
 

@@ -8,6 +8,7 @@
 //! * [`output`]: files that appear whole or not at all. [`stream`]: films and Y4M.
 //! * [`data_set`]: poses and intrinsics beside depth and ground of whole flights.
 //! * [`device`]: the Vulkan device, and whether colour tiles are compressed for it.
+//! * [`serve`]: a flight and a viewer for web browsers.
 //! * [`world`]: the terrain database that a command is about, wherever it is.
 //! * [`command`]: commands that fly nothing. [`machine`], [`process`]: what this machine has, and
 //!   what runs on it.
@@ -27,6 +28,7 @@ pub mod path;
 pub mod plan;
 pub mod process;
 pub mod rig_file;
+pub mod serve;
 pub mod stream;
 pub mod world;
 
@@ -49,7 +51,9 @@ pub fn run(arguments: impl IntoIterator<Item = OsString>) -> u8 {
     // sentence.
     terravision_common::stage::note_file_limit().ok();
     let result = match parse(arguments.into_iter().collect()) {
-        Ok(cli) => start_log(cli.log.as_deref()).and_then(|()| dispatch(cli.command, started_nanos)),
+        Ok(cli) => start_log(cli.log.as_deref())
+            .and_then(|()| cli.child_of.map_or(Ok(()), process::end_with_parent))
+            .and_then(|()| dispatch(cli.command, started_nanos)),
         Err(error) => usage(&error),
     };
     match result {
@@ -86,6 +90,7 @@ fn dispatch(command: Command, started_nanos: u64) -> Result<(), Failure> {
         Command::Path(args) => export::export(&args),
         Command::Fly(args) => flight::run(plan::fly(&args)?, started_nanos),
         Command::Still(args) => flight::run(plan::still(&args)?, started_nanos),
+        Command::Serve(args) => serve::serve(&args),
     }
 }
 

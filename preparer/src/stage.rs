@@ -91,9 +91,9 @@ pub enum PreparerError {
     #[error("the elevation ring has arrays of {found} numbers, expected {expected}")]
     WrongArrays {
         /// What the ring has.
-        found: u32,
+        found: u64,
         /// What the world needs.
-        expected: u32,
+        expected: u64,
     },
 }
 
@@ -133,8 +133,8 @@ impl<L: TileLoader> Preparer<L> {
     /// # Errors
     /// [`PreparerError`].
     pub fn new(world: &World, config: &RunConfig, loader: L, ports: &mut Ports) -> Result<Self, PreparerError> {
-        let expected = world.elevation_values() as u32;
-        let found = ports.elevation.array_f32();
+        let expected = world.elevation_values() as u64;
+        let found = ports.elevation.array_len();
         if found < expected {
             return Err(PreparerError::WrongArrays { found, expected });
         }

@@ -82,7 +82,8 @@ pub struct CastTask<'a> {
     pub camera: &'a Camera,
     /// How.
     pub options: &'a CastOptions,
-    /// What is drawn into.
+    /// What is drawn into. A picture has depth of a ground that is partly unmeasured,
+    /// and where a sweep has soft edges.
     pub picture: &'a Picture,
 }
 
@@ -154,6 +155,7 @@ impl Caster {
     fn sweep(&mut self, task: &CastTask<'_>) -> Counts {
         let &CastTask { ground, colors, heights, camera, options, picture } = task;
         assert_eq!(picture.size(), [camera.width(), camera.height()], "a picture has its camera's size");
+        assert!(picture.has_depth() || !options.sweep.has_soft_edges, "edges are found by depth");
         let Self { workers, placed, sweep, .. } = self;
         let scene = Scene::new(ground, View::new(camera), placed, options.has_undersides)
             .in_place(heights, options.sweep.post_px);
@@ -161,6 +163,7 @@ impl Caster {
         let rays = u64::from(camera.width()) * u64::from(camera.height());
         let counts = Counts { rays, ..sweep.draw(&canvas, camera, &options.sweep, workers) };
         if ground.is_partly_unmeasured() {
+            assert!(picture.has_depth(), "holes are looked for where pixels lie");
             canvas.look_at_shares(workers);
         }
         counts
@@ -205,6 +208,7 @@ impl Caster {
             }
         };
         if ground.is_partly_unmeasured() {
+            assert!(picture.has_depth(), "holes are looked for where pixels lie");
             canvas.look_at_shares(workers);
         }
         counts

@@ -13,7 +13,8 @@ use terravision_raycast::{CastOptions, CastTask, Caster, Method, Picture, SweepD
 use terravision_testkit::rays::{AnyMethod, Field, PooledField, UNIT_M, camera, noise};
 
 const SIZE: [u32; 2] = [56, 42];
-const DETAIL: SweepDetail = SweepDetail { step_px: 2.0, lines_per_px: 1.0, ..SweepDetail::DEFAULT };
+const DETAIL: SweepDetail =
+    SweepDetail { step_px: 2.0, lines_per_px: 1.0, has_soft_edges: true, ..SweepDetail::DEFAULT };
 
 fn options() -> CastOptions {
     CastOptions { method: Method::Sweep, sweep: DETAIL, ..CastOptions::default() }
@@ -71,12 +72,14 @@ fn is_under_edge(field: &Surface<'_>, eye: DVec3, direction: DVec3, focal: f64) 
 }
 
 /// Pixels that show what is further than a step from what plain rays could meet: ground that is not
-/// there, or ground behind ground.
-fn strays(field: &Surface<'_>, camera: &Camera, depths: &[f32]) -> Vec<String> {
+/// there, or ground behind ground. Every fifth pixel of pose `seed` is looked at; of thousands of
+/// poses fewer, other ones of each.
+fn strays(field: &Surface<'_>, camera: &Camera, depths: &[f32], seed: u64) -> Vec<String> {
+    let every = if poses().end > 1000 { 29 } else { 5 };
     let eye = camera.eye();
     let focal = camera.focal_px();
     let mut strays = Vec::new();
-    for (k, depth) in depths.iter().enumerate().step_by(5) {
+    for (k, depth) in depths.iter().enumerate().skip((seed % every) as usize).step_by(every as usize) {
         let [x, y] = [k as u32 % SIZE[0], k as u32 / SIZE[0]];
         let direction = camera.ray_in_world(f64::from(x) + 0.5, f64::from(y) + 0.5);
         let across = direction.truncate().length().max(1e-9);
@@ -167,8 +170,46 @@ fn no_pixel_is_further_than_a_step_from_the_ground_and_none_is_left_out() {
         let depths: Vec<f32> = picture.depth().collect();
         assert!(depths.iter().all(|depth| depth.is_nan() || *depth > 0.0), "pose {seed}");
         let surface = Surface { cells: field.cells, at: &|place| field.at(place.x, place.y) };
-        let strays = strays(&surface, &camera, &depths);
+        let strays = strays(&surface, &camera, &depths, seed);
         assert!(strays.is_empty(), "pose {seed}, {camera:?}: {} strays, the first: {}", strays.len(), strays[0]);
+    }
+}
+
+#[test]
+fn a_loop_leaves_no_pixel_out_and_shows_the_ground_that_is_there() {
+    let field = Field::hills(90, 250.0, 3);
+    let (ground, colors) = (field.ground(16, None), field.colors());
+    let mut caster = Caster::new(1).unwrap();
+    let side = field.cells as f64 * UNIT_M;
+    for frame in 0..24 {
+        let angle = f64::from(frame) * 15.0;
+        // Nose up, over the top on its back, straight down, and level again.
+        let angles = match angle {
+            0.0..=90.0 => [30.0, angle, 0.0],
+            90.0..=270.0 => [210.0, 180.0 - angle, 180.0],
+            _ => [30.0, angle - 360.0, 0.0],
+        };
+        let (sin, cos) = angle.to_radians().sin_cos();
+        let eye = [0.5 * side, 0.5 * side + 120.0 * sin, 320.0 + 120.0 * (1.0 - cos)];
+        let camera = camera(eye, angles, 60.0, SIZE);
+        let picture = Picture::new(SIZE);
+        // Nothing has written the colors that a picture is made with: opaque ones are drawn.
+        caster.draw(&CastTask {
+            ground: &ground,
+            colors: &[&colors[..]],
+            heights: &[],
+            camera: &camera,
+            options: &options(),
+            picture: &picture,
+        });
+        assert!(picture.rgba().all(|color| color >> 24 == 255), "{angle} degrees: a pixel is left out");
+        let depths: Vec<f32> = picture.depth().collect();
+        let sky = depths.iter().filter(|depth| depth.is_nan()).count();
+        assert!(angle != 90.0 || sky == depths.len(), "straight up there is sky alone, {sky} pixels");
+        assert!(angle != 270.0 || sky == 0, "straight down there is ground alone, {sky} pixels of sky");
+        let surface = Surface { cells: field.cells, at: &|place| field.at(place.x, place.y) };
+        let strays = strays(&surface, &camera, &depths, 0);
+        assert!(strays.is_empty(), "{angle} degrees: {} strays, the first: {}", strays.len(), strays[0]);
     }
 }
 
@@ -203,7 +244,7 @@ fn levels_in_place_are_swept_as_near_to_the_surface_that_they_blend_to() {
         pooled.fill(ground, &camera, post_px, |_, _| false);
         let (_, depths) = draw_in_place(&mut caster, pooled, ground, &camera);
         let at = |place: DVec2| pooled.at(&camera, post_px, place);
-        let strays = strays(&Surface { cells: 128, at: &at }, &camera, &depths);
+        let strays = strays(&Surface { cells: 128, at: &at }, &camera, &depths, seed);
         assert!(strays.is_empty(), "pose {seed}, {camera:?}: {} strays, the first: {}", strays.len(), strays[0]);
     }
 }
@@ -351,4 +392,54 @@ fn beside_the_world_its_lower_side_is_seen_as_exact_rays_see_it() {
         let far = exact.iter().zip(&swept).filter(|(exact, swept)| (*exact - *swept).abs() > 0.2 * **exact).count();
         assert!(torn * 50 < exact.len() && far * 20 < exact.len(), "{eye:?}: {torn} torn, {far} far");
     }
+}
+
+#[test]
+fn colors_are_mixed_at_edges_of_ground_alone_and_as_rays_beside_each_other_would() {
+    let field = Field::hills(100, 250.0, 7);
+    let ground = field.ground(16, None);
+    let colors = field.colors();
+    let mut caster = Caster::new(1).unwrap();
+    let mut draw = |camera: &Camera, has_soft_edges: bool| -> Vec<([f64; 3], f32)> {
+        let picture = Picture::new([camera.width(), camera.height()]);
+        let sweep = SweepDetail { has_soft_edges, ..SweepDetail::BEST };
+        caster.draw(&CastTask {
+            ground: &ground,
+            colors: &[&colors[..]],
+            heights: &[],
+            camera,
+            options: &CastOptions { sweep, ..options() },
+            picture: &picture,
+        });
+        let channels = |rgba: u32| [0, 8, 16].map(|shift| f64::from(rgba >> shift & 0xff));
+        picture.rgba().map(channels).zip(picture.depth()).collect()
+    };
+    let [width, height] = SIZE.map(|side| side as usize);
+    let off = |a: [f64; 3], b: [f64; 3]| (0..3).map(|c| (a[c] - b[c]).abs()).sum::<f64>();
+    let (mut mixed, mut before, mut after) = (0, 0.0, 0.0);
+    for angles in [[30.0, -8.0, 0.0], [140.0, -15.0, 35.0], [250.0, 0.0, -80.0], [300.0, -40.0, 180.0]] {
+        let eye = [500.0, 450.0, field.at(500.0, 450.0).unwrap() + 60.0];
+        let [hard, soft] = [false, true].map(|is_soft| draw(&camera(eye, angles, 60.0, SIZE), is_soft));
+        let fine = draw(&camera(eye, angles, 60.0, SIZE.map(|side| 6 * side)), false);
+        for (k, ((hard_color, depth), (soft_color, soft_depth))) in hard.iter().zip(&soft).enumerate() {
+            assert_eq!(depth.to_bits(), soft_depth.to_bits(), "depth is that of the pixel's middle");
+            if hard_color == soft_color {
+                continue;
+            }
+            let (x, y) = (k % width, k / width);
+            let around = (y.saturating_sub(1)..height.min(y + 2))
+                .flat_map(|y| (x.saturating_sub(1)..width.min(x + 2)).map(move |x| y * width + x));
+            let is_even = around.map(|n| hard[n].1).all(|other| (other - depth).abs() < 0.01 * depth);
+            assert!(!is_even, "{angles:?}: pixel {x}, {y} is on no edge");
+            let mut mean = [0.0; 3];
+            for n in 0..36 {
+                let (color, _) = fine[(6 * y + n / 6) * 6 * width + 6 * x + n % 6];
+                (0..3).for_each(|c| mean[c] += color[c] / 36.0);
+            }
+            mixed += 1;
+            before += off(*hard_color, mean);
+            after += off(*soft_color, mean);
+        }
+    }
+    assert!(mixed > 100 && after < 0.6 * before, "{mixed} pixels, off by {before}, then by {after}");
 }

@@ -62,7 +62,7 @@ pub fn run(run: &StageRun) -> Result<(), RendererError> {
     let ports = Ports::open(run).map_err(RunError::from)?;
     let mut source = ports.into_source(run, world).map_err(RunError::from)?;
     let written = source.control().written_frames();
-    let sinks = sinks_of(config, world.fields().origin, written).map_err(RunError::from)?;
+    let sinks = sinks_of(run, source.control(), world.fields().origin, written).map_err(RunError::from)?;
     let workers = SinkWorkers::start(sinks).map_err(RunError::from)?;
     run::run(
         options(config)?,
@@ -70,11 +70,11 @@ pub fn run(run: &StageRun) -> Result<(), RendererError> {
         workers,
         &mut |engine, source| {
             let found = engine.describe();
-            tracing::info!(technique = found.technique, reason = found.reason, device = %found.device, driver = %found.driver, "draws with");
+            tracing::info!(technique = found.technique, reason = %found.reason, device = %found.device, driver = %found.driver, "draws with");
             let texts = [
                 (TextKind::Device, found.device.as_str()),
                 (TextKind::Driver, &found.driver),
-                (TextKind::TechniqueReason, found.reason),
+                (TextKind::TechniqueReason, &found.reason),
                 (TextKind::Technique, found.technique),
             ];
             for event in texts.into_iter().flat_map(|(kind, text)| Event::text(kind, text)) {
@@ -97,6 +97,7 @@ fn options(config: &RunConfig) -> Result<EngineOptions, RendererError> {
     let is_open = config.realtime.is_some() || render.rays != RaysChoice::Auto;
     Ok(EngineOptions {
         technique: render.technique,
+        reason: render.technique_reason.clone(),
         rays: if is_open { render.rays } else { RaysChoice::Mipmap },
         workers: config.decoder_threads as usize,
         device: DeviceChoice::from_environment(),

@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex};
 use support::{Scene, camera, node, options, world};
 use terravision_common::camera::Camera;
 use terravision_common::event::{Event, EventContent};
-use terravision_common::film::{self, FrameEncoding, PacketHeader};
+use terravision_common::film::{self, FrameEncoding};
 use terravision_common::ids::Sequence;
 use terravision_common::run::PlaneTarget;
 use terravision_common::shm::{Control, ElevationWriter, PoolWriter, Producer, RunState, memory};
@@ -218,31 +218,17 @@ fn a_full_disk_is_said_and_leaves_no_part_of_a_picture() {
     fs::remove_dir_all(base).unwrap();
 }
 
-/// A writer that several threads share.
-#[derive(Clone, Default)]
-struct Shared(Arc<Mutex<Vec<u8>>>);
-
-impl io::Write for Shared {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.0.lock().expect("no sink panics").extend_from_slice(bytes);
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        Ok(())
-    }
-}
-
 #[test]
 fn y4m_is_read_by_ffmpeg_with_the_colours_that_were_drawn() {
-    let bytes = Shared::default();
-    play(&flight(2), 1, vec![Box::new(StreamSink::new(bytes.clone(), FrameEncoding::Y4m, SIZE))]).unwrap();
+    let (ring, mut reader) = memory::stream_ring(2, FrameEncoding::Y4m.frame_bytes(SIZE) as u32).unwrap();
+    let control = Arc::new(memory::control().unwrap());
+    let sink = StreamSink::new(io::sink(), ring, control, FrameEncoding::Y4m, SIZE).unwrap();
+    play(&flight(2), 1, vec![Box::new(sink)]).unwrap();
     let base = folder("y4m");
     let [y4m, back] = ["a.y4m", "a.png"].map(|name| base.join(name));
-    // As the launcher makes it: the header, then the packets without theirs.
+    // As the launcher makes it: the header, then the frames.
     let mut stream = film::y4m_header(SIZE, 25.0).into_bytes();
-    let packet = PacketHeader::SIZE + FrameEncoding::Y4m.frame_bytes(SIZE) as usize;
-    bytes.0.lock().unwrap().chunks_exact(packet).for_each(|packet| stream.extend(&packet[PacketHeader::SIZE..]));
+    (0..2).for_each(|position| stream.extend(reader.read_array(position).unwrap().unwrap()));
     fs::write(&y4m, stream).unwrap();
     let status = std::process::Command::new("ffmpeg")
         .args(["-v", "error", "-i"])

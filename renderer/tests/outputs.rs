@@ -11,6 +11,7 @@ use terravision_common::camera::Camera;
 use terravision_common::film::FrameEncoding;
 use terravision_common::rig::{View, Views};
 use terravision_common::run::{RaysChoice, TechniqueChoice};
+use terravision_common::shm::memory;
 use terravision_common::slot::TileSlot;
 use terravision_renderer::engine::{EngineOptions, ViewBounds};
 use terravision_renderer::gpu::DevicePicture;
@@ -91,7 +92,9 @@ fn play(options: EngineOptions, recording: &Arc<Recording>, sink: Box<dyn FrameS
 fn a_stream_of_one_size_refuses_another_and_no_picture_is_larger_than_the_runs() {
     let frames = [[64, 48], [40, 48]].map(|size| Views::single(&pose(size)));
     let recording = recording(&pose([64, 48]), &frames);
-    let stream = StreamSink::new(std::io::sink(), FrameEncoding::Y4m, [64, 48]);
+    let (ring, _reader) = memory::stream_ring(2, FrameEncoding::Y4m.frame_bytes([64, 48]) as u32).unwrap();
+    let control = Arc::new(memory::control().unwrap());
+    let stream = StreamSink::new(std::io::sink(), ring, control, FrameEncoding::Y4m, [64, 48]).unwrap();
     let error = play(options([64, 48]), &recording, Box::new(stream)).unwrap_err();
     assert!(
         error.starts_with("frame 1 is a picture of 40x48 pixels, but a film or a stream takes 64x48 only"),

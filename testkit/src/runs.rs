@@ -35,6 +35,7 @@ pub fn config(frames: [u64; 2]) -> RunConfig {
         prefetch: PrefetchConfig::EXACT,
         render: RenderConfig {
             technique: TechniqueChoice::Mesh,
+            technique_reason: "asked for".to_owned(),
             rays: RaysChoice::Mipmap,
             sky_rgb: [0; 3],
             samples: 1,

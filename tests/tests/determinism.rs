@@ -57,21 +57,33 @@ fn assert_same(what: &str, a: &BTreeMap<String, Vec<u8>>, b: &BTreeMap<String, V
 }
 
 #[test]
-fn any_run_of_a_flight_gives_the_same_bytes() {
+fn any_run_of_a_swept_flight_gives_the_same_bytes() {
+    any_run_gives_the_same_bytes("rays");
+}
+
+#[test]
+fn any_run_of_a_flight_of_the_mesh_gives_the_same_bytes() {
+    any_run_gives_the_same_bytes("mesh");
+}
+
+fn any_run_gives_the_same_bytes(technique: &str) {
     let folder = TestFolder::new("determinism");
     write_flight(&folder.join("path.json"));
-    let whole = fly(&folder, "a", |command| command);
+    let fly = |folder: &TestFolder, name: &str, change: &dyn Fn(Terravision) -> Terravision| {
+        fly(folder, name, |command| change(command.args(["--technique", technique])))
+    };
+    let whole = fly(&folder, "a", &|command| command);
     assert_eq!(whole.len() as u64, FRAMES);
     let first = &whole["frame-000000.png"];
     assert!(whole.values().skip(1).all(|bytes| bytes != first), "the flight moves");
 
-    assert_same("again", &whole, &fly(&folder, "b", |command| command));
+    assert_same("again", &whole, &fly(&folder, "b", &|command| command));
     let one =
         |command: Terravision| command.env("RAYON_NUM_THREADS", "1").args(["--threads", "1", "--memory", "256MiB"]);
-    assert_same("one thread, half the memory", &whole, &fly(&folder, "c", one));
-    assert_same("as little memory as is taken", &whole, &fly(&folder, "d", |c| c.args(["--memory", "128MiB"])));
+    assert_same("one thread, half the memory", &whole, &fly(&folder, "c", &one));
+    assert_same("as little memory as is taken", &whole, &fly(&folder, "d", &|c| c.args(["--memory", "128MiB"])));
 
-    let piece = fly(&folder, "e", |command| command.args(["--frames", "7..12"]));
+    let piece = fly(&folder, "e", &|command| command.args(["--frames", "7..12"]));
     let wanted: BTreeMap<_, _> =
         whole.iter().filter(|(name, _)| ("frame-000007.png".."frame-000012.png").contains(&name.as_str())).collect();
     assert_eq!(piece.len(), 5);

@@ -105,6 +105,8 @@ fn a_scrape_during_a_flight_says_what_the_report_says_after_it() {
             &format!("shm:{name}"),
             "--size",
             "320x180",
+            "--facet-px",
+            "10",
             "-o",
             &format!("shared:{name}"),
             "--metrics",

@@ -47,19 +47,23 @@ fn rays_show_what_the_mesh_shows() {
 }
 
 #[test]
-fn without_a_vulkan_device_rays_are_taken_and_it_is_said() {
+fn without_a_vulkan_device_rays_are_swept_as_without_a_gpu() {
     let world = synth_world(1024);
     let shot = Shot { size: [320, 180], ..Shot::new(&world, oblique_poses(&world)[0].1) };
     let folder = TestFolder::new("no-vulkan");
     let finished = without_vulkan(shot.command(&folder)).run();
-    finished.assert_told(0);
-    assert!(finished.stderr.contains("no Vulkan device") && finished.stderr.contains("rays"), "{}", finished.stderr);
-    assert_eq!(read_report(&folder)["technique"], "rays");
+    finished.assert_code(0);
+    // It is no exception: the report says why.
+    assert!(!finished.stderr.contains("warning"), "{}", finished.stderr);
+    let report = read_report(&folder);
+    assert_eq!((&report["technique"], &report["settings"]["facet_px"]), (&"rays".into(), &3.0.into()));
+    assert_eq!(report["technique_reason"], "there is no Vulkan device that can be used");
     let alone = fs::read(folder.join("a.png")).unwrap();
-    // If requested, there is no notice.
-    let asked = without_vulkan(shot.command(&folder)).args(["--technique", "rays"]).succeed();
-    assert!(!asked.stderr.contains("Vulkan"), "{}", asked.stderr);
-    assert!(alone == fs::read(folder.join("a.png")).unwrap(), "the same picture");
+    for asked in [["--technique", "rays"], ["--rays", "sweep"]] {
+        without_vulkan(shot.command(&folder)).args(asked).succeed();
+        assert_eq!(read_report(&folder)["technique_reason"], "asked for");
+        assert!(alone == fs::read(folder.join("a.png")).unwrap(), "the same picture");
+    }
     let mesh = without_vulkan(shot.command(&folder)).args(["--technique", "mesh"]).run();
     mesh.assert_told(1);
     assert!(mesh.stderr.contains("no Vulkan device was found"), "{}", mesh.stderr);
@@ -69,16 +73,48 @@ fn without_a_vulkan_device_rays_are_taken_and_it_is_said() {
     // The leaves are outlined without a device too.
     without_vulkan(shot.command(&folder)).args(["--technique", "rays", "--overlay", "tree"]).succeed();
     assert!(alone != fs::read(folder.join("a.png")).unwrap());
-    // Limitations of rays are reported when they were not requested.
+    // What rays do not have is reported when they were not requested.
     let samples = without_vulkan(shot.command(&folder)).args(["--samples", "4"]).run();
     samples.assert_told(0);
     assert!(samples.stderr.contains("one ray is cast per pixel"), "{}", samples.stderr);
+    assert_eq!(read_report(&folder)["settings"]["samples"], 1);
     // Who says how rays are cast wants rays.
     without_vulkan(shot.command(&folder)).args(["--rays", "mipmap"]).succeed();
-    assert_eq!((&read_report(&folder)["technique"], alone), (&"rays".into(), fs::read(folder.join("a.png")).unwrap()));
+    assert_eq!(
+        (&read_report(&folder)["technique"], &read_report(&folder)["settings"]["facet_px"]),
+        (&"rays".into(), &10.0.into())
+    );
     let doctor = without_vulkan(Terravision::verb("doctor").args(["--memory", "64MiB"])).run();
     let words = String::from_utf8_lossy(&doctor.stdout);
-    assert!(words.contains("flights cast rays"), "{words}");
+    assert!(words.contains("flights sweep the ground by rays"), "{words}");
+}
+
+#[test]
+fn what_draws_is_chosen_by_the_device_unless_something_is_asked_for_that_it_alone_has() {
+    let world = synth_world(1024);
+    let shot = Shot { size: [320, 180], ..Shot::new(&world, oblique_poses(&world)[0].1) };
+    let take = |arguments: &[&str]| shot.take(arguments, false);
+    let mesh = take(&["--technique", "mesh"]);
+    let default = take(&[]);
+    // The picture of a GPU, or that of a processor.
+    let is_gpu = default.report["technique"] == "mesh";
+    let reason = if is_gpu { "there is a GPU" } else { "there is no GPU, only a Vulkan device in software" };
+    assert_eq!(default.report["technique_reason"], reason, "{}", default.report);
+    let swept = take(&["--rays", "sweep"]);
+    assert!(default.rgb == if is_gpu { mesh.rgb } else { swept.rgb }, "{}", default.report);
+    for (arguments, reason) in [
+        (&["--samples", "4"][..], "several samples a pixel were asked for, which only the mesh has"),
+        (&["--texture-compression", "on"], "compressed colour tiles were asked for, which only a device reads"),
+        (&["--validation"], "the validation layer was asked for, which watches a Vulkan device"),
+    ] {
+        let report = take(arguments).report;
+        assert_eq!((&report["technique"], &report["technique_reason"]), (&"mesh".into(), &reason.into()));
+        assert_eq!(report["settings"]["facet_px"], 10.0, "{arguments:?}");
+    }
+    // Whatever else there is works with what draws.
+    for arguments in [&["--overlay", "tree"][..], &["--quality", "best"], &["--samples", "1"], &["--edge", "none"]] {
+        assert_eq!(take(arguments).report["technique"], default.report["technique"], "{arguments:?}");
+    }
 }
 
 /// A barrel roll: forwards, with one full turn to the right.
@@ -133,7 +169,7 @@ fn a_barrel_roll_has_the_same_bytes_for_any_number_of_workers() {
 fn a_realtime_flight_of_rays_comes_to_its_end_and_says_how_it_was_cast() {
     let folder = TestFolder::new("rays-realtime");
     write_roll(&folder, 20);
-    let finished = fly(&folder, "live/", &["--mode", "realtime", "--fps", "10"]).succeed();
+    let finished = fly(&folder, "live/", &["--rays", "auto", "--mode", "realtime", "--fps", "10"]).succeed();
     let report = read_report(&folder);
     assert_eq!((&report["technique"], &report["frames"]), (&"rays".into(), &20.into()), "{report}");
     // What was chosen, or that nothing was, is said once.

@@ -58,7 +58,7 @@ fn every_moment_has_a_picture_and_every_frame_is_accounted_for() {
     write_path(&folder.join("path.json"), &poses, SIZE, 60.0);
     Terravision::verb("fly")
         .arg(synth_world(1024).database())
-        .args(["--mode", "realtime", "--path"])
+        .args(["--facet-px", "10", "--mode", "realtime", "--path"])
         .arg(folder.join("path.json"))
         .arg("-o")
         .arg(folder.join("frames/"))
@@ -78,7 +78,7 @@ fn a_camera_that_rests_gets_no_coarser_picture_than_one_that_moves() {
     let fly = |flags: &[&str]| {
         Terravision::verb("fly")
             .arg(synth_world(1024).database())
-            .args(["--mode", "realtime", "--fps", "10", "-o", "/dev/null", "--path"])
+            .args(["--facet-px", "10", "--mode", "realtime", "--fps", "10", "-o", "/dev/null", "--path"])
             .arg(folder.join("path.json"))
             .arg("--report")
             .arg(folder.join("report.json"))
@@ -107,7 +107,19 @@ fn every_prediction_flies_and_the_picture_is_as_wanted_where_the_camera_rests() 
     for prediction in ["off", "linear", "quadratic", "oracle"] {
         Terravision::verb("fly")
             .arg(synth_world(1024).database())
-            .args(["--mode", "realtime", "--fps", "10", "--feedback", "off", "--prediction", prediction, "--path"])
+            .args([
+                "--facet-px",
+                "10",
+                "--mode",
+                "realtime",
+                "--fps",
+                "10",
+                "--feedback",
+                "off",
+                "--prediction",
+                prediction,
+                "--path",
+            ])
             .arg(folder.join("path.json"))
             .args(["-o", "/dev/null", "--report"])
             .arg(folder.join("report.json"))

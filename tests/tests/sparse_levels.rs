@@ -121,7 +121,9 @@ fn info_tells_how_much_of_the_world_has_which_spacing() {
 fn no_crack_and_no_step_where_the_finest_levels_end() {
     let folder = TestFolder::new("sparse");
     let database = world(&folder);
-    let settings: [&[&str]; 3] = [&[], &["--facet-px", "2"], &["--technique", "rays"]];
+    let mesh = ["--technique", "mesh"];
+    let settings =
+        [&mesh[..], &[&mesh[..], &["--facet-px", "2"]].concat(), &["--rays", "mipmap"], &["--rays", "sweep"]];
     for (number, pose) in poses().iter().enumerate() {
         for more in settings {
             let rgb = still(&database, &folder, pose, more);

@@ -1,6 +1,6 @@
 // Builds the page into a folder: `node build.mjs [FOLDER]`, dist if not given. The same sources give the same bytes.
 import { build } from 'esbuild';
-import { copyFile, mkdir } from 'node:fs/promises';
+import { copyFile, mkdir, readFile } from 'node:fs/promises';
 import { dirname, join } from 'node:path';
 import { fileURLToPath } from 'node:url';
 
@@ -8,6 +8,8 @@ const here = dirname(fileURLToPath(import.meta.url));
 const folder = process.argv[2] ?? join(here, 'dist');
 
 await mkdir(folder, { recursive: true });
+// The one library that is part of the page goes with its licence.
+const licence = (await readFile(join(here, 'node_modules', 'preact', 'LICENSE'), 'utf8')).trim();
 await build({
   absWorkingDir: here,
   entryPoints: { page: 'src/main.tsx' },
@@ -19,6 +21,7 @@ await build({
   jsx: 'automatic',
   jsxImportSource: 'preact',
   legalComments: 'none',
+  banner: { js: `/*! This page contains Preact (https://preactjs.com).\n${licence}\n*/` },
   charset: 'utf8',
   logLevel: 'warning',
 });

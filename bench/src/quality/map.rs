@@ -3,7 +3,7 @@
 use super::displacement::Displacement;
 
 /// Displacement of the brightest colour, pixels.
-const BRIGHTEST_PX: f64 = 4.0;
+pub(super) const BRIGHTEST_PX: f64 = 4.0;
 const SKY: [u8; 3] = [40, 60, 90];
 /// Sky in place of land.
 const SUNKEN: [u8; 3] = [255, 0, 255];
@@ -23,7 +23,8 @@ pub(super) fn draw(displacements: &[Option<Displacement>], is_sky: &[bool], is_l
     displacements.iter().zip(is_sky).zip(is_land).map(of_pixel).collect()
 }
 
-fn color(px: f64) -> [u8; 3] {
+/// Of a displacement, pixels.
+pub(super) fn color(px: f64) -> [u8; 3] {
     let steps = (SCALE.len() - 1) as f64;
     let at = (px / BRIGHTEST_PX).clamp(0.0, 1.0) * steps;
     let below = (at as usize).min(SCALE.len() - 2);

@@ -6,9 +6,13 @@
 //!          views of the round ─▶ terravision still ─────┴▶ displacement · holes · dB · SSIM
 //! ```
 
+mod cost;
 mod displacement;
+mod legend;
 mod map;
+mod setting;
 mod still;
+mod table;
 mod truth;
 
 use crate::cli::{Options, QualityArgs};
@@ -18,9 +22,11 @@ use crate::measurement::{Measurement, Target, quantile};
 use crate::session::Scratch;
 use anyhow::{Context, ensure};
 use displacement::Displacement;
+use setting::{Setting, TECHNIQUES, USUAL};
 use std::io::IsTerminal;
 use std::path::Path;
 use still::Still;
+use table::table;
 use terravision_common::camera::Camera;
 use terravision_testkit::metrics::{count_holes, try_compare};
 use terravision_testkit::reference::{Picture, RenderOptions, render};
@@ -38,15 +44,6 @@ const TOLERANCE_PX: usize = 10;
 /// Share of land pixels that the targets are about.
 const NEARLY_ALL: f64 = 0.99;
 
-/// A setting of `--quality`, and how far nearly all of its land may be from where it should be.
-struct Setting {
-    quality: &'static str,
-    most_px: f64,
-}
-
-const SETTINGS: [Setting; 2] =
-    [Setting { quality: "default", most_px: 2.0 }, Setting { quality: "best", most_px: 1.0 }];
-
 /// What the pictures of a setting are like, all views together.
 #[derive(Debug, Default)]
 struct Found {
@@ -56,6 +53,8 @@ struct Found {
     land_pixels: usize,
     squares: f64,
     similarities: f64,
+    /// Processor time of a frame, if that was measured.
+    millis: Option<f64>,
 }
 
 /// Draws views of a world and measures how true they are.
@@ -67,15 +66,16 @@ pub fn run(args: &QualityArgs, world: &Path, options: &Options, findings: &mut F
     let truth = Truth::read(&flight.database, options.memory_mib << 20)?;
     let folder = Scratch::new(BENCH)?;
     let views: Vec<Camera> = views(&flight, args.views);
-    let mut found: [Found; SETTINGS.len()] = Default::default();
+    let settings = if args.techniques { TECHNIQUES } else { USUAL };
+    let mut found: Vec<Found> = settings.iter().map(|_| Found::default()).collect();
     for (number, camera) in (1..).zip(&views) {
         let sky = RenderOptions { rays_per_side: RAYS_PER_SIDE, sky_rgb: SKY_RGB, exaggeration: 1.0 };
         progress(format_args!("view {number} of {}: the truth", views.len()));
         let reference = truth.masked(render(truth.scene(), camera, &sky));
         let shot = Shot { world, truth: &truth, camera, reference: &reference, number, options };
         shot.keep(&format!("view-{number}-truth.png"), &reference.rgb)?;
-        for (setting, found) in SETTINGS.iter().zip(&mut found) {
-            progress(format_args!("view {number} of {}: {}", views.len(), setting.quality));
+        for (setting, found) in settings.iter().zip(&mut found) {
+            progress(format_args!("view {number} of {}: {}", views.len(), setting.name));
             shot.measure(setting, &args.still, folder.path(), found)?;
         }
     }
@@ -84,8 +84,15 @@ pub fn run(args: &QualityArgs, world: &Path, options: &Options, findings: &mut F
     if !args.still.is_empty() {
         findings.facts.push(("arguments of still", args.still.join(" ")));
     }
-    for (setting, found) in SETTINGS.iter().zip(&found) {
+    for (setting, found) in settings.iter().zip(&mut found) {
+        if args.techniques {
+            progress(format_args!("{}: what a frame costs", setting.name));
+            found.millis = Some(cost::millis_a_frame(world, options.size, setting, &args.still)?);
+        }
         findings.measurements.extend(measurements(setting, found, views.len() as u64)?);
+    }
+    if args.techniques {
+        findings.tables.push(table(settings, &findings.measurements));
     }
     Ok(())
 }
@@ -114,9 +121,8 @@ struct Shot<'a> {
 
 impl Shot<'_> {
     fn measure(&self, setting: &Setting, more: &[String], folder: &Path, found: &mut Found) -> anyhow::Result<()> {
-        let quality = setting.quality;
-        let what = || format!("view {} with --quality {quality}", self.number);
-        let taken = Still { world: self.world, frame: self.truth.frame(), camera: self.camera, quality, more }
+        let what = || format!("view {}, {}", self.number, setting.name);
+        let taken = Still { world: self.world, frame: self.truth.frame(), camera: self.camera, setting, more }
             .take(SKY_RGB, folder)
             .with_context(what)?;
         let land = &self.reference.is_land;
@@ -132,11 +138,11 @@ impl Shot<'_> {
         found.sunken += is_sky.iter().zip(land).filter(|(is_sky, is_land)| **is_sky && **is_land).count();
         found.holes += count_holes(&is_sky, self.reference, TOLERANCE_PX).count;
         let displacements = self.truth.displacements(self.camera, &taken, land);
-        self.keep(&format!("view-{}-{quality}.png", self.number), &taken.rgb)?;
-        self.keep(
-            &format!("view-{}-{quality}-displacement.png", self.number),
-            &map::draw(&displacements, &is_sky, land),
-        )?;
+        let mut map = map::draw(&displacements, &is_sky, land);
+        legend::draw(&mut map, self.reference.width);
+        let name = format!("view-{}-{}", self.number, setting.file);
+        self.keep(&format!("{name}.png"), &taken.rgb)?;
+        self.keep(&format!("{name}-displacement.png"), &map)?;
         found.displacements.extend(displacements.into_iter().flatten());
         Ok(())
     }
@@ -155,7 +161,7 @@ impl Shot<'_> {
 fn measurements(setting: &Setting, found: &Found, views: u64) -> anyhow::Result<Vec<Measurement>> {
     ensure!(!found.displacements.is_empty(), "no view shows land; fly over another world");
     let named =
-        |name: &str, value, unit| Measurement::new(BENCH, format!("{}: {name}", setting.quality), value, unit, views);
+        |name: &str, value, unit| Measurement::new(BENCH, format!("{}: {name}", setting.name), value, unit, views);
     let [px, m] = [|d: &Displacement| d.px, |d: &Displacement| d.m].map(|of| {
         let mut values: Vec<f64> = found.displacements.iter().map(of).collect();
         values.sort_unstable_by(f64::total_cmp);
@@ -172,5 +178,6 @@ fn measurements(setting: &Setting, found: &Found, views: u64) -> anyhow::Result<
     all.push(named("sky in place of land, at skylines too", found.sunken as f64, "pixels"));
     all.push(named("PSNR of land", 10.0 * (255.0 * 255.0 * pixels / found.squares).log10(), "dB"));
     all.push(named("SSIM of land", found.similarities / pixels, ""));
+    all.extend(found.millis.map(|millis| named("processor time of a frame", millis, "ms")));
     Ok(all)
 }

@@ -1,5 +1,6 @@
 //! A picture of the pipeline, with depth and ground of every pixel.
 
+use super::setting::Setting;
 use crate::session::sibling;
 use anyhow::{Context, bail, ensure};
 use glam::DVec3;
@@ -16,7 +17,7 @@ pub(super) struct Still<'a> {
     pub frame: CrsFrame,
     /// In world coordinates.
     pub camera: &'a Camera,
-    pub quality: &'a str,
+    pub setting: &'a Setting,
     /// More arguments.
     pub more: &'a [String],
 }
@@ -40,7 +41,8 @@ impl Still<'_> {
         let (width, height) = (self.camera.width(), self.camera.height());
         let place = self.frame.place(self.camera.eye());
         let mut command = Command::new(sibling("terravision")?);
-        command.arg("still").arg(self.world).args(["--quiet", "--quality", self.quality]);
+        command.arg("still").arg(self.world).args(["--quiet", "--quality", self.setting.quality]);
+        command.args(self.setting.arguments);
         command.arg(format!("--eye={},{},{}", place.x, place.y, place.z));
         for (name, radians) in [
             ("heading", self.camera.heading_rad()),

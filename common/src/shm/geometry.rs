@@ -56,7 +56,7 @@ impl Geometry {
         let (align, has_table, is_ring) = match kind {
             SegmentKind::Control => (1, false, false),
             SegmentKind::PingPong => (4096, false, true),
-            SegmentKind::ElevationRing => (64, false, true),
+            SegmentKind::ElevationRing | SegmentKind::StreamRing => (64, false, true),
             SegmentKind::ColorPool => (4096, true, false),
             SegmentKind::ElevationPool => (64, true, false),
             SegmentKind::WantList => (8, false, false),

@@ -84,11 +84,14 @@ pub enum SegmentKind {
     /// Future [`super::CameraRecord`]s, launcher to prefetcher; used only by prediction with
     /// `oracle`.
     PathRing = 14,
+    /// Frames of a film or of Y4M, renderer to launcher: [`super::StreamWriter`],
+    /// [`super::StreamReader`]; without arrays where pictures go elsewhere.
+    StreamRing = 15,
 }
 
 impl SegmentKind {
     /// All kinds.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 15] = [
         Self::Control,
         Self::PingPong,
         Self::Ring,
@@ -103,6 +106,7 @@ impl SegmentKind {
         Self::TileOutcomes,
         Self::EventsPrefetcher,
         Self::PathRing,
+        Self::StreamRing,
     ];
 
     /// The last part of the segment's name.
@@ -123,6 +127,7 @@ impl SegmentKind {
             Self::TileOutcomes => "tile-outcomes",
             Self::EventsPrefetcher => "events-prefetcher",
             Self::PathRing => "path-ring",
+            Self::StreamRing => "stream-ring",
         }
     }
 
@@ -136,7 +141,7 @@ impl SegmentKind {
             Self::ColorPool | Self::ElevationPool | Self::TileOutcomes | Self::EventsPrefetcher => {
                 Some(Stage::Prefetcher)
             }
-            Self::EventsRenderer => Some(Stage::Renderer),
+            Self::EventsRenderer | Self::StreamRing => Some(Stage::Renderer),
         }
     }
 
@@ -144,7 +149,7 @@ impl SegmentKind {
     #[must_use]
     pub const fn reader(self) -> Option<Stage> {
         match self {
-            Self::Control | Self::ColorPool => None,
+            Self::Control | Self::ColorPool | Self::StreamRing => None,
             Self::EventsGenerator | Self::EventsPreparer | Self::EventsRenderer | Self::EventsPrefetcher => None,
             Self::CameraRing => Some(Stage::Generator),
             Self::PingPong | Self::ElevationPool | Self::TileOutcomes => Some(Stage::Preparer),

@@ -50,6 +50,8 @@ pub struct Layout {
     pub(crate) want_tiles: u32,
     /// Outcomes in the ring of tile outcomes.
     pub(crate) outcome_slots: u32,
+    /// Bytes of a frame of the stream ring; 0 where no stream is made.
+    pub(crate) stream_frame_bytes: u64,
 }
 
 /// Layers of an image array that every known Vulkan device supports; a colour slot is a layer.
@@ -109,6 +111,7 @@ impl Layout {
             event_slots: 16384,
             want_tiles: 16384,
             outcome_slots: 16384,
+            stream_frame_bytes: 0,
         })
     }
 
@@ -156,6 +159,12 @@ impl Layout {
         Self { ring_slots: power(ring_slots), tree_nodes: power(tree_nodes), ..self }
     }
 
+    /// Makes room for a stream whose frames have this many bytes.
+    #[must_use]
+    pub fn for_stream(self, frame_bytes: u64) -> Self {
+        Self { stream_frame_bytes: frame_bytes, ..self }
+    }
+
     /// A small layout for tests and examples: every segment is there, a few hundred kilobytes in
     /// all.
     #[must_use]
@@ -173,6 +182,7 @@ impl Layout {
             event_slots: 64,
             want_tiles: 64,
             outcome_slots: 64,
+            stream_frame_bytes: 96,
         }
     }
 
@@ -217,6 +227,8 @@ impl Layout {
             | SegmentKind::EventsRenderer
             | SegmentKind::EventsPrefetcher => (self.event_slots.into(), size_of::<Event>() as u64),
             SegmentKind::WantList => (self.want_tiles.into(), 8),
+            // One is written while the other one is passed on.
+            SegmentKind::StreamRing => (2, self.stream_frame_bytes),
             SegmentKind::TileOutcomes => (self.outcome_slots.into(), size_of::<TileOutcome>() as u64),
         };
         Geometry::new(kind, capacity, item_bytes)

@@ -1,7 +1,7 @@
 //! The same handles on memory of a single process, for tests and benches.
 
+use super::array_ring::{ElevationReader, ElevationWriter, StreamReader, StreamWriter};
 use super::control::Control;
-use super::elevation_ring::{ElevationReader, ElevationWriter};
 use super::error::ShmError;
 use super::geometry::{Geometry, half_bytes};
 use super::header::Segment;
@@ -57,6 +57,15 @@ pub fn ping_pong(nodes: u32) -> Result<(TreeWriter, TreeReader), ShmError> {
 pub fn elevation_ring(arrays: u32, array_f32: u32) -> Result<(ElevationWriter, ElevationReader), ShmError> {
     let segment = segment(SegmentKind::ElevationRing, arrays.into(), u64::from(array_f32) * 4)?;
     Ok((ElevationWriter::attach(&segment)?, ElevationReader::attach(&segment)?))
+}
+
+/// Both ends of a stream ring of `frames` frames of `frame_bytes` bytes.
+///
+/// # Errors
+/// When `frames` is not a power of two, or `frame_bytes` is 0.
+pub fn stream_ring(frames: u32, frame_bytes: u32) -> Result<(StreamWriter, StreamReader), ShmError> {
+    let segment = segment(SegmentKind::StreamRing, frames.into(), frame_bytes.into())?;
+    Ok((StreamWriter::attach(&segment)?, StreamReader::attach(&segment)?))
 }
 
 /// Both sides of a tile pool of `slots` slots of `slot_bytes` bytes.

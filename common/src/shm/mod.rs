@@ -7,6 +7,7 @@
 //! | ping-pong buffer: [`TreeWriter`], [`TreeReader`] | generator | preparer | the generator waits |
 //! | ring: [`Producer`]/[`Consumer`] of [`crate::slot::Slot`] | preparer | renderer | the preparer waits |
 //! | elevation ring: [`ElevationWriter`], [`ElevationReader`] | preparer | renderer | the preparer waits |
+//! | stream ring: [`StreamWriter`], [`StreamReader`] | renderer | launcher | the renderer waits |
 //! | colour pool, elevation pool: [`PoolWriter`], [`PoolReader`] | prefetcher | renderer, preparer | `allocate` says so |
 //! | want list: [`WantListWriter`], [`WantListReader`] | preparer | prefetcher | the newest replaces the one before |
 //! | tile outcomes: [`Producer`]/[`Consumer`] of [`crate::outcome::TileOutcome`] | prefetcher | preparer | dropped; told again for the next list |
@@ -72,13 +73,13 @@ mod want_core;
 #[cfg(not(loom))]
 mod activity;
 #[cfg(not(loom))]
+mod array_ring;
+#[cfg(not(loom))]
 mod bus_guard;
 #[cfg(not(loom))]
 mod control;
 #[cfg(not(loom))]
 mod control_words;
-#[cfg(not(loom))]
-mod elevation_ring;
 #[cfg(not(loom))]
 mod frame_ring;
 #[cfg(not(loom))]
@@ -114,11 +115,13 @@ mod tests;
 #[cfg(not(loom))]
 pub use activity::Activity;
 #[cfg(not(loom))]
+pub use array_ring::{
+    ArrayGuard, ArrayItem, ArrayReader, ArrayWriter, ElevationReader, ElevationWriter, StreamReader, StreamWriter,
+};
+#[cfg(not(loom))]
 pub use bus_guard::end_on_bus_error;
 #[cfg(not(loom))]
 pub use control::{Control, Counter, FAILURE_CAUSES, Gauge, RunState, WAIT_BOUND};
-#[cfg(not(loom))]
-pub use elevation_ring::{ArrayGuard, ElevationReader, ElevationWriter};
 pub use error::{ShmError, WaitError};
 #[cfg(not(loom))]
 pub use frame_ring::{FrameInfo, FrameRing, FrameRingReader, FrameRingWriter, FrameShape, PoseTimes, SharedFrame};

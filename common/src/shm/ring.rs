@@ -59,6 +59,7 @@ fn typed<T: Pod>(segment: &Arc<Segment>) -> Result<SegmentItems<T>, ShmError> {
             | SegmentKind::ColorPool
             | SegmentKind::ElevationPool
             | SegmentKind::WantList
+            | SegmentKind::StreamRing
     );
     if !is_ring {
         return Err(ShmError::WrongKind { name: kind.name().to_owned(), kind });

@@ -245,20 +245,6 @@ impl Simd for Avx2 {
     }
 
     #[inline(always)]
-    fn store_joined(self, low: Words, high: Floats, to: &mut Sixteen<u64>) {
-        let Words(high, high_second) = self.to_bits(high);
-        let halves = [(low.0, high), (low.1, high_second)];
-        for ((low, high), to) in halves.into_iter().zip(to.chunks_exact_mut(8)) {
-            // SAFETY: as in `call`; there is room for eight double words.
-            unsafe {
-                let (even, odd) = (_mm256_unpacklo_epi32(low, high), _mm256_unpackhi_epi32(low, high));
-                _mm256_storeu_si256(to.as_mut_ptr().cast(), _mm256_permute2x128_si256::<0x20>(even, odd));
-                _mm256_storeu_si256(to.as_mut_ptr().add(4).cast(), _mm256_permute2x128_si256::<0x31>(even, odd));
-            }
-        }
-    }
-
-    #[inline(always)]
     fn near_pairs(self, table: &[f32; LANES + 1], at: Words) -> [Floats; 2] {
         let at = at & self.words(LANES as u32 - 1);
         // SAFETY: as in `call`; the lowest and the next number lie within the table, and the places

@@ -215,19 +215,6 @@ impl Simd for Avx512 {
     }
 
     #[inline(always)]
-    fn store_joined(self, low: Words, high: Floats, to: &mut Sixteen<u64>) {
-        let high = self.to_bits(high).0;
-        // SAFETY: as in `call`; there is room for sixteen double words.
-        unsafe {
-            let first = _mm512_setr_epi32(0, 16, 1, 17, 2, 18, 3, 19, 4, 20, 5, 21, 6, 22, 7, 23);
-            let second = _mm512_setr_epi32(8, 24, 9, 25, 10, 26, 11, 27, 12, 28, 13, 29, 14, 30, 15, 31);
-            let to = to.as_mut_ptr();
-            _mm512_storeu_si512(to.cast(), _mm512_permutex2var_epi32(low.0, first, high));
-            _mm512_storeu_si512(to.add(8).cast(), _mm512_permutex2var_epi32(low.0, second, high));
-        }
-    }
-
-    #[inline(always)]
     fn near_pairs(self, table: &[f32; LANES + 1], at: Words) -> [Floats; 2] {
         // SAFETY: as in `call`; from the first number on there are sixteen, and from the second, too.
         unsafe {

@@ -8,6 +8,11 @@
 #[cfg(target_arch = "x86_64")]
 use super::{Avx2, Avx512};
 use super::{Portable, Simd};
+use crate::terminal::complain;
+use std::sync::OnceLock;
+
+/// The environment variable that has narrower vectors used than there are.
+const VARIABLE: &str = "TERRAVISION_INSTRUCTIONS";
 
 /// What is done by whichever instructions there are. Implementations are inlined as a whole, or
 /// they gain nothing.
@@ -55,10 +60,26 @@ impl Instructions {
         found
     }
 
-    /// The widest that this processor has.
+    /// The widest that this processor has, or those that [`VARIABLE`] names, to compare with.
     #[must_use]
     pub fn widest() -> Self {
-        Self::all().pop().unwrap_or(Self::PORTABLE)
+        static CHOSEN: OnceLock<Instructions> = OnceLock::new();
+        *CHOSEN.get_or_init(|| {
+            let widest = Self::all().pop().unwrap_or(Self::PORTABLE);
+            let Ok(wanted) = std::env::var(VARIABLE) else { return widest };
+            Self::named(&wanted).unwrap_or_else(|| {
+                let names = Self::all().iter().map(|found| found.name()).collect::<Vec<_>>().join(", ");
+                let used = widest.name();
+                complain(&format!("{VARIABLE}={wanted} is none of what this processor has ({names}); {used} is used"));
+                widest
+            })
+        })
+    }
+
+    /// Those of this name, in any case, if this processor has them.
+    #[must_use]
+    pub fn named(name: &str) -> Option<Self> {
+        Self::all().into_iter().find(|found| found.name().eq_ignore_ascii_case(name.trim()))
     }
 
     /// What they are called.

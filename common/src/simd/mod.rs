@@ -105,9 +105,6 @@ pub trait Simd: Copy + Debug {
     /// The mask of these bits.
     fn mask(self, bits: u32) -> Self::Mask;
 
-    /// Stores words in the lower halves of double words, and the bits of floats in the upper ones.
-    fn store_joined(self, low: Self::Words, high: Self::Floats, to: &mut Sixteen<u64>);
-
     /// The number at each place of a short table, less than 16, and the one behind it.
     fn near_pairs(self, table: &[f32; LANES + 1], at: Self::Words) -> [Self::Floats; 2];
     /// The number at each place of a table and the one behind it. Places beyond its end are the

@@ -171,11 +171,6 @@ impl Simd for Portable {
     }
 
     #[inline(always)]
-    fn store_joined(self, low: Words, high: Floats, to: &mut Sixteen<u64>) {
-        *to = from_fn(|k| u64::from(high.0[k].to_bits()) << 32 | u64::from(low.0[k]));
-    }
-
-    #[inline(always)]
     fn near_pairs(self, table: &[f32; LANES + 1], at: Words) -> [Floats; 2] {
         let place = |k: usize| at.0[k] as usize % LANES;
         [Floats(from_fn(|k| table[place(k)])), Floats(from_fn(|k| table[place(k) + 1]))]

@@ -26,9 +26,6 @@ impl Work for All {
         let [first, second] = simd.pairs(&self.table, m);
         let near_table = std::array::from_fn(|k| self.table.get(k).copied().unwrap_or(k as f32));
         let [near, near_next] = simd.near_pairs(&near_table, simd.shift_right::<28>(m));
-        let mut joined = [0; LANES];
-        simd.store_joined(m, b, &mut joined);
-        let halves = [0, 32].map(|by| simd.load_words(&joined.map(|both| (both >> by) as u32)));
         let [first_word, second_word] = simd.texel_pairs(&bytes, simd.shift_right::<26>(m));
         let floats = [
             a + b,
@@ -69,8 +66,6 @@ impl Work for All {
             simd.index(simd.floor(whole)),
             first_word,
             second_word,
-            halves[0],
-            halves[1],
         ];
         let of_words = words.map(|words| simd.to_floats(words));
         let bits = |floats| {
@@ -138,4 +133,14 @@ fn places_beyond_a_table_are_its_last_pair() {
             assert_eq!([*first, *second], [expected(at), next], "{count}, {k}");
         }
     }
+}
+
+#[test]
+fn instructions_have_names_that_they_are_found_by() {
+    for instructions in Instructions::all() {
+        assert_eq!(Instructions::named(instructions.name()), Some(instructions));
+        assert_eq!(Instructions::named(&instructions.name().to_lowercase()), Some(instructions));
+    }
+    assert_eq!(Instructions::named("PORTABLE "), Some(Instructions::PORTABLE));
+    assert_eq!(Instructions::named("MMX"), None);
 }

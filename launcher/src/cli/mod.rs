@@ -13,6 +13,7 @@ pub mod planes;
 pub mod pose;
 pub mod realtime;
 pub mod resources;
+pub mod serve;
 pub mod stereo;
 pub mod still;
 pub mod supervision;
@@ -23,6 +24,7 @@ use clap::{Args, Parser, Subcommand};
 use database::DatabaseArgs;
 use fly::FlyArgs;
 use path::PathArgs;
+use serve::ServeArgs;
 use std::ffi::OsString;
 use std::path::PathBuf;
 use still::StillArgs;
@@ -72,6 +74,9 @@ pub struct Cli {
     /// target, e.g. info,terravision_store=trace. docs/report.md says what is logged.
     #[arg(long, global = true, value_name = "LEVEL|FILTER", help_heading = "Log")]
     pub log: Option<String>,
+    /// End in order when the process of this id, which started this one, ends.
+    #[arg(long, global = true, hide = true, value_name = "PID")]
+    pub child_of: Option<u32>,
 }
 
 /// What to do.
@@ -91,6 +96,8 @@ pub enum Command {
     Fly(Box<FlyArgs>),
     /// Draw one picture, and on request the depth and the ground position of every pixel
     Still(Box<StillArgs>),
+    /// Show the world in web browsers: look around, with live pictures over one WebSocket
+    Serve(Box<ServeArgs>),
     /// Write the poses of a camera path, one per frame, as JSON that can be edited and flown
     Path(Box<PathArgs>),
     /// Measure how fast the stages, the queues between them, both techniques and ingest are

@@ -52,34 +52,36 @@ pub struct PictureArgs {
     pub overlay: Option<Overlay>,
     /// A preset of --facet-px and --samples [default: default; still: finest]
     ///
-    /// 'default' draws facets of 10 pixels (7 with '--rays coherent'; 3 with '--rays sweep', 5 in
-    /// worlds with holes or filled ground) with one sample per pixel.
-    /// 'best' draws facets of 3 pixels (1.4 with '--rays sweep') with four samples: nearer to the
+    /// 'default' draws facets of 10 pixels, or of 3 by a sweep (5 in worlds with holes or filled
+    /// ground; 7 by '--rays coherent'), with one sample per pixel.
+    /// 'best' draws facets of 3 pixels, or of 1.4 by a sweep, with four samples: nearer to the
     /// true picture, at several times the cost. 'finest' draws facets of 1 pixel (larger ones above
     /// 1920x1080, where there would be too many) with four samples: what a pixel shows is right to
     /// the pixel. Rays have one sample. --facet-px and --samples win over the preset.
     #[arg(long, help_heading = DETAIL_HEADING, value_enum, overrides_with = "quality")]
     pub quality: Option<Quality>,
-    /// How the ground is drawn [default: mesh, or rays where there is no Vulkan device]
+    /// How the ground is drawn [default: mesh where there is a GPU, else rays]
     ///
-    /// 'mesh' draws triangles with a Vulkan device. 'rays' casts one ray per pixel, on the
-    /// processor and without a device, or with '--rays compute' on the device. All of them draw the
-    /// same surface (docs/techniques.md).
+    /// 'mesh' draws triangles with a Vulkan device, also one in software. 'rays' casts one ray per
+    /// pixel, on the processor and without a device, or with '--rays compute' on the device. All of
+    /// them draw the same surface (docs/techniques.md). 'terravision doctor' says what is taken
+    /// here. --samples 4, --texture-compression on and --validation take the mesh.
     #[arg(long, help_heading = DETAIL_HEADING, value_enum, value_name = "WHICH")]
     pub technique: Option<TechniqueArg>,
-    /// How rays are cast [default: mipmap; in real time: auto]
+    /// How rays are cast [default: sweep]
     ///
-    /// --rays implies '--technique rays'. 'auto' uses 'compute' where there is a GPU. Without one
-    /// it begins with 'mipmap', tries 'coherent' on one of the first frames without showing it,
-    /// goes on with the faster of the two, and says which. In exact mode 'auto' is always 'mipmap',
-    /// so that pictures do not depend on the speed of the machine.
+    /// --rays implies '--technique rays'. 'auto' uses 'compute' in real time where there is a GPU.
+    /// Without one it begins with 'mipmap', tries 'coherent' on one of the first frames without
+    /// showing it, goes on with the faster of the two, and says which. In exact mode 'auto' is
+    /// always 'mipmap', so that pictures do not depend on the speed of the machine.
     #[arg(long, help_heading = DETAIL_HEADING, value_enum, value_name = "HOW")]
     pub rays: Option<RaysArg>,
-    /// Wanted size of the terrain's facets on screen, pixels [default: 10, with --rays coherent 7,
-    /// with --rays sweep 3; best: 3, with --rays sweep 1.4; finest, which still has: 1]
+    /// Wanted size of the terrain's facets on screen, pixels [default: 10, of a sweep 3; best: 3, of
+    /// a sweep 1.4; finest, which still has: 1]
     ///
     /// It is the side of a square with a facet's area, where the ground faces the camera. Smaller
-    /// facets show finer relief and cost more: half the size takes four times as long.
+    /// facets show finer relief and cost more: half the size takes the mesh four times as long, a
+    /// sweep at most twice as long.
     #[arg(long, help_heading = DETAIL_HEADING, value_name = "PIXELS")]
     pub facet_px: Option<f64>,
     /// Wanted size of the colour texels on screen, pixels [default: 1]
@@ -88,7 +90,7 @@ pub struct PictureArgs {
     /// and load less.
     #[arg(long, help_heading = DETAIL_HEADING, value_name = "PIXELS")]
     pub texel_px: Option<f64>,
-    /// Samples per pixel: 1, or 4 for smooth edges [default: 1; best, finest: 4]
+    /// Samples per pixel: 1, or 4 for smooth edges, by the mesh [default: 1; best, finest: 4]
     #[arg(long, help_heading = DETAIL_HEADING, value_name = "1|4", value_parser = values::parse_samples)]
     pub samples: Option<u32>,
     /// How the size of a facet or texel on screen is measured where the ground is seen at a
@@ -117,9 +119,9 @@ pub struct PictureArgs {
 /// A preset of how fine the picture is made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Quality {
-    /// Facets of 10 pixels, one sample a pixel
+    /// Facets of 10 pixels, or of 3 by a sweep, one sample a pixel
     Default,
-    /// Facets of 3 pixels, four samples a pixel
+    /// Facets of 3 pixels, or of 1.4 by a sweep, four samples a pixel
     Best,
     /// Facets of 1 pixel, four samples a pixel
     Finest,

@@ -24,7 +24,7 @@ pub struct RealtimeArgs {
     #[arg(long, value_name = "PIXELS")]
     pub coarsest_texel_px: Option<f64>,
     /// Size that facets may shrink to while the camera rests and there is time, pixels [default: 3,
-    /// at most --facet-px]
+    /// of a sweep 1.4, at most --facet-px]
     #[arg(long, value_name = "PIXELS")]
     pub rest_facet_px: Option<f64>,
     /// Size that texels may shrink to while the camera rests and there is time, pixels [default:

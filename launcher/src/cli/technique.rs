@@ -32,7 +32,7 @@ pub enum RaysArg {
     /// One exact ray per pixel through maxima of the heights
     Mipmap,
     /// All rays of a vertical plane at once, by samples of the heights from the eye outwards: the
-    /// cheapest, above all with fine facets
+    /// cheapest on a processor, above all with fine facets
     Sweep,
     /// One exact ray per pixel as with 'mipmap', by a Vulkan device
     Compute,

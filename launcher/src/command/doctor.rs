@@ -10,10 +10,9 @@ use serde_json::{Value, json};
 use std::io::{self, IsTerminal, Write};
 use std::path::Path;
 use std::process::{Command, Stdio};
-use terravision_common::run::TechniqueChoice;
 use terravision_common::shm::{Layout, Stage, free_bytes, reap_dead_runs};
 use terravision_common::simd::Instructions;
-use terravision_common::technique::Decision;
+use terravision_common::technique::{Asked, Decision};
 use terravision_common::terminal::printable;
 use terravision_common::texels::TexelFormat;
 use terravision_common::world::{World, WorldFields};
@@ -145,7 +144,7 @@ const INSTALL_VULKAN: &str =
 const PORTABLE_COST: &str = "it takes about twice as long, for the same bytes";
 
 /// What a flight does without a device.
-const RAYS_INSTEAD: &str = "flights cast rays on the processor instead (--technique rays)";
+const RAYS_INSTEAD: &str = "flights sweep the ground by rays on the processor, and --technique mesh is not possible";
 
 fn vulkan(answer: Result<&Value, &str>) -> Finding {
     match answer {
@@ -184,21 +183,19 @@ fn vulkan_finding(answer: &Value) -> Finding {
 
 /// What draws flights if nothing else is said.
 fn technique(answer: Result<&Value, &str>) -> Finding {
-    let Decision { technique, reason } = Decision::new(TechniqueChoice::Auto, device::found(answer));
-    Finding::good("technique", format!("{}: {reason}; --technique and --rays choose otherwise", technique.name()))
+    let decision = Decision::new(Asked::default(), device::found(answer));
+    let name = if decision.is_swept() { "rays, by the sweep" } else { decision.technique.name() };
+    Finding::good("technique", format!("{name}: {}; --technique and --rays choose otherwise", decision.reason))
 }
 
-/// Which instructions `--rays sweep` takes. Every set gives the same bytes.
+/// Which instructions a sweep takes. Every set gives the same bytes.
 fn instructions(widest: Instructions) -> Finding {
     const SUBJECT: &str = "sweep";
     if widest == Instructions::PORTABLE {
-        let text = format!("--rays sweep goes without vector instructions: {PORTABLE_COST}");
+        let text = format!("a sweep goes without vector instructions: {PORTABLE_COST}");
         return Finding::limited(SUBJECT, text, "nothing to do; a processor with AVX2 or AVX-512 is faster");
     }
-    Finding::good(
-        SUBJECT,
-        format!("--rays sweep takes {}; without vector instructions, {PORTABLE_COST}", widest.name()),
-    )
+    Finding::good(SUBJECT, format!("a sweep takes {}; without vector instructions, {PORTABLE_COST}", widest.name()))
 }
 
 /// Whether flights compress colour tiles if nothing else is said. Either way they fly.
@@ -312,13 +309,13 @@ mod tests {
         old[0]["missing"] = json!(["dynamic rendering"]);
         let finding = vulkan_finding(&old);
         assert!(finding.health == Health::Limited && finding.text.contains("lacks dynamic rendering"));
-        assert!(finding.text.contains("cast rays"));
+        assert!(finding.text.contains("by rays"));
         let mut plain = good.clone();
         plain[0]["has_host_import"] = json!(false);
         assert_eq!(vulkan_finding(&plain).health, Health::Limited);
         for nothing in [json!([]), json!({}), json!(null), json!({"devices": []})] {
             let finding = vulkan_finding(&nothing);
-            assert!(finding.health == Health::Limited && finding.text.contains("cast rays"), "{finding:?}");
+            assert!(finding.health == Health::Limited && finding.text.contains("by rays"), "{finding:?}");
         }
     }
 
@@ -326,9 +323,9 @@ mod tests {
     fn what_would_draw_is_told_with_its_reason() {
         let device = |kind: &str| json!([{"name": "it", "type": kind, "is_chosen": true, "missing": []}]);
         let text = |answer: Result<&Value, &str>| technique(answer).text;
-        assert!(text(Ok(&device("discrete"))).starts_with("mesh: a GPU is there; "));
-        assert!(text(Ok(&device("cpu"))).starts_with("mesh: no GPU is there, but"));
-        assert!(text(Err("no renderer")).starts_with("rays: there is no Vulkan device that can be used"));
+        assert!(text(Ok(&device("discrete"))).starts_with("mesh: there is a GPU; "));
+        assert!(text(Ok(&device("cpu"))).starts_with("rays, by the sweep: there is no GPU, only"));
+        assert!(text(Err("no renderer")).starts_with("rays, by the sweep: there is no Vulkan device that can be used"));
         assert_eq!(instructions(Instructions::PORTABLE).health, Health::Limited);
         for wide in &Instructions::all()[1..] {
             assert!(instructions(*wide).text.contains(wide.name()));

@@ -4,20 +4,15 @@
 use super::progress::Progress;
 use crate::measure::collector::{Collector, RaysMethod};
 use crate::plan::FlightPlan;
-use terravision_common::run::{RaysChoice, TechniqueChoice};
+use terravision_common::run::RaysChoice;
 use terravision_common::shm::Control;
 use terravision_store::Cause;
 
 /// What was not told yet.
 #[derive(Debug)]
 pub(super) struct Notices {
-    /// Whether it is still to be told that rays are cast for want of a device: the renderer
-    /// chooses.
-    technique_is_open: bool,
     /// Whether it is still to be told what casts rays: in real time the renderer tries.
     rays_are_open: bool,
-    /// Samples per pixel that were asked for.
-    samples: u32,
     is_realtime: bool,
 }
 
@@ -25,17 +20,11 @@ impl Notices {
     pub(super) fn new(plan: &FlightPlan) -> Self {
         let render = &plan.config.render;
         let is_realtime = plan.config.realtime.is_some();
-        Self {
-            technique_is_open: render.technique == TechniqueChoice::Auto,
-            rays_are_open: render.rays == RaysChoice::Auto && is_realtime,
-            samples: if plan.asks_for_samples { render.samples } else { 1 },
-            is_realtime,
-        }
+        Self { rays_are_open: render.rays == RaysChoice::Auto && is_realtime, is_realtime }
     }
 
     /// Tells what is new.
     pub(super) fn look(&mut self, collector: &mut Collector, control: &Control, progress: &Progress) {
-        self.look_at_technique(collector, progress);
         if let Some(rays) = collector.rays().filter(|rays| self.rays_are_open && rays.is_final) {
             self.tell_rays(collector, &rays, progress);
         }
@@ -45,28 +34,8 @@ impl Notices {
 
     /// Tells at the end what was still open.
     pub(super) fn finish(&mut self, collector: &Collector, progress: &Progress) {
-        self.look_at_technique(collector, progress);
         if let Some(rays) = collector.rays().filter(|_| self.rays_are_open) {
             self.tell_rays(collector, &rays, progress);
-        }
-    }
-
-    fn look_at_technique(&mut self, collector: &Collector, progress: &Progress) {
-        let Some(technique) = collector.technique().filter(|_| self.technique_is_open) else { return };
-        self.technique_is_open = false;
-        if technique != TechniqueChoice::Rays.name() {
-            return;
-        }
-        progress.warn(&format!(
-            "there is no Vulkan device that can be used: the ground is drawn by rays, on the processor ({}); --technique mesh \
-             says what is missing",
-            collector.device()
-        ));
-        if self.samples > 1 {
-            progress.warn(&format!(
-                "one ray is cast per pixel, in place of {} samples, which only the mesh has",
-                self.samples
-            ));
         }
     }
 

@@ -136,7 +136,7 @@ impl Run {
     ) -> Result<(Flight<'p>, FlightState), Failure> {
         let begun_nanos = monotonic_nanos();
         let starter = Starter::new(&plan.config)?;
-        let stream = StreamKeeper::start(&plan.config, plan.stream.as_ref()).map_err(Failure::failed)?;
+        let stream = StreamKeeper::start(&plan.run, &plan.config, plan.stream.as_ref()).map_err(Failure::failed)?;
         if plan.restarts.limit > 0 {
             self.control.set_supervised();
         }

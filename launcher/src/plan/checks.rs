@@ -14,8 +14,6 @@ use terravision_common::run::{Prediction, PrefetchConfig, RealtimeConfig};
 
 /// Facets and texels may become this many times as large as wanted, by default.
 const COARSEST: f64 = 4.0;
-/// Size of facets at rest, pixels, if nothing else is said: that of the best quality.
-const REST_FACET_PX: f64 = 3.0;
 
 pub(super) const DEFAULT_FPS: f64 = 30.0;
 
@@ -109,7 +107,12 @@ pub fn vfov_of_path(asked: Option<f64>) -> Result<Option<f64>, Failure> {
 }
 
 /// What a flight against the clock may do; `None` in exact mode. `wanted_px`: facets, then texels.
-pub(super) fn realtime(args: &RealtimeArgs, wanted_px: [f64; 2]) -> Result<Option<RealtimeConfig>, Failure> {
+/// `rest_facet_px`: size of facets at rest, pixels, if nothing else is said.
+pub(super) fn realtime(
+    args: &RealtimeArgs,
+    wanted_px: [f64; 2],
+    rest_facet_px: f64,
+) -> Result<Option<RealtimeConfig>, Failure> {
     if args.mode == Mode::Exact {
         let given = [
             ("--feedback", args.feedback.is_some()),
@@ -140,7 +143,7 @@ pub(super) fn realtime(args: &RealtimeArgs, wanted_px: [f64; 2]) -> Result<Optio
             coarsest("--coarsest-texel-px", args.coarsest_texel_px, texel)?,
         ],
         rest_px: [
-            rest("--rest-facet-px", args.rest_facet_px, REST_FACET_PX, facet)?,
+            rest("--rest-facet-px", args.rest_facet_px, rest_facet_px, facet)?,
             rest("--rest-texel-px", args.rest_texel_px, texel, texel)?,
         ],
     }))

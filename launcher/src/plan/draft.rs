@@ -2,7 +2,7 @@
 
 use super::FlightPlan;
 use super::checks::{DEFAULT_FPS, check_distance, decoder_threads, exaggeration, prefetch, realtime};
-use super::compression::TexelQuestion;
+use super::drawing::DrawingQuestion;
 use super::picture_choice::{self, PictureChoice};
 use super::planes::PlaneFolders;
 use super::stereo;
@@ -10,7 +10,7 @@ use super::supervision::RestartRules;
 use crate::cli::database::DatabaseArgs;
 use crate::cli::measurements::MeasurementArgs;
 use crate::cli::picture::{Edge, Overlay, PictureArgs, Quality};
-use crate::cli::realtime::{Mode, RealtimeArgs};
+use crate::cli::realtime::RealtimeArgs;
 use crate::cli::resources::ResourceArgs;
 use crate::cli::values::MemorySize;
 use crate::failure::Failure;
@@ -129,19 +129,22 @@ impl<'a> Draft<'a> {
     /// cannot be written.
     pub(super) fn finish(
         mut self,
-        texels: TexelQuestion,
+        drawing: DrawingQuestion,
         measurements: &MeasurementArgs,
     ) -> Result<FlightPlan, Failure> {
         let world = *self.database.world();
-        let is_realtime = self.realtime.is_some_and(|args| args.mode != Mode::Exact);
         let rig = self.rig.as_ref();
-        let choice =
-            PictureChoice::new(self.picture, rig, &self.settings, self.usual_quality, is_realtime, texels, &world)?;
+        let mut choice = PictureChoice::new(self.picture, rig, &self.settings, self.usual_quality, drawing, &world)?;
+        self.warnings.extend(choice.warning.take());
         let exaggeration = exaggeration(self.picture.exaggeration)?;
         let layout = layout(&world, &choice, self.resources.memory)?;
         let cameras = self.cameras(&choice, exaggeration)?;
         self.warnings.extend(self.database.errors().take_news());
         let config = self.config(&choice, exaggeration)?;
+        let layout = match &config.render.sink {
+            SinkConfig::Stream(encoding) => layout.for_stream(encoding.frame_bytes(config.output_size())),
+            _ => layout,
+        };
         let run = self.run.to_string();
         let temporary = |path: &Path| TemporaryFile::create(path, &run).map_err(Failure::bad_input);
         Ok(FlightPlan {
@@ -160,7 +163,6 @@ impl<'a> Draft<'a> {
             notes: self.notes,
             warnings: self.warnings,
             is_quiet: self.resources.quiet,
-            asks_for_samples: self.picture.samples.is_some() || self.picture.quality.is_some(),
             database: self.database,
             destination: self.destination,
             restarts: RestartRules::NONE,
@@ -231,7 +233,7 @@ impl<'a> Draft<'a> {
             texels: choice.texels,
             decoder_threads: decoder_threads(self.resources.threads)?,
             prefetch: prefetch(self.realtime),
-            realtime: self.realtime.and_then(|args| realtime(args, choice.wanted_px).transpose()).transpose()?,
+            realtime: self.realtime.map_or(Ok(None), |args| realtime(args, choice.wanted_px, choice.rest_facet_px))?,
             render: self.render_config(choice, exaggeration),
             rig: choice.rig.clone(),
         })
@@ -241,8 +243,9 @@ impl<'a> Draft<'a> {
         let (picture, database) = (self.picture, &self.database);
         let low = database.ranges().range(database.world().root()).map(|[low, _]| exaggeration * f64::from(low));
         RenderConfig {
-            technique: choice.technique,
-            rays: choice.rays,
+            technique: choice.decision.technique,
+            technique_reason: choice.decision.reason.to_owned(),
+            rays: choice.decision.rays,
             sky_rgb: picture_choice::sky(picture, &self.settings, &database.manifest().fields().body.name),
             skirt_low_m: low.filter(|_| picture.edge == Edge::Skirt),
             samples: choice.samples,

@@ -1,9 +1,9 @@
 //! The plan of `terravision fly`.
 
 use super::checks::{self, exaggeration, frame_range, has_extension, is_folder_name, pace};
-use super::compression::TexelQuestion;
 use super::course::{LoadedPath, load_path};
 use super::draft::Draft;
+use super::drawing::DrawingQuestion;
 use super::planes::PlaneFolders;
 use super::{FlightPlan, PICTURES, film, live, supervision};
 use crate::cli::fly::FlyArgs;
@@ -28,7 +28,7 @@ use terravision_store::Store;
 /// # Errors
 /// Bad input, in one sentence.
 pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
-    let texels = TexelQuestion::new(&args.picture, Quality::Default)?;
+    let drawing = DrawingQuestion::new(&args.picture, Quality::Default, args.resources.validation)?;
     let database = open_world(&args.world, &args.database)?;
     let mut draft =
         if args.live.camera.is_some() { draft_of_poses(args, database)? } else { draft_of_path(args, database)? };
@@ -41,7 +41,7 @@ pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
     if draft.destination.is_empty() {
         draft.destination = args.output.display().to_string();
     }
-    let mut plan = draft.finish(texels, &args.measurements)?;
+    let mut plan = draft.finish(drawing, &args.measurements)?;
     plan.live = live::camera(args, &plan.config)?;
     plan.restarts = supervision::restarts(&args.supervision, &plan.config)?;
     plan.notes.extend(of_odd_sides(&plan));

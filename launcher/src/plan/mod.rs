@@ -5,13 +5,13 @@
 //!   [`picture_choice`]: how the picture is made.
 //! * [`course`], [`pose`]: where the camera goes. [`planes`], [`film`], [`live`]: where frames go,
 //!   and where poses come from.
-//! * [`compression`]: how tiles are kept. [`supervision`]: what becomes of stages that die.
+//! * [`drawing`]: what draws, and how tiles are kept for it. [`supervision`]: what becomes of stages that die.
 //!   [`checks`]: single arguments.
 
 mod checks;
-mod compression;
 mod course;
 mod draft;
+mod drawing;
 mod film;
 mod fly;
 mod live;
@@ -74,9 +74,6 @@ pub struct FlightPlan {
     pub notes: Vec<String>,
     /// What is done differently than asked, a sentence each.
     pub warnings: Vec<String>,
-    /// Whether several samples a pixel, if it has them, were asked for: what draws may not have
-    /// them.
-    pub asks_for_samples: bool,
     /// Whether the run says nothing but warnings and errors.
     pub is_quiet: bool,
     /// The world. The stages use its index as long as it is open.

@@ -1,16 +1,16 @@
 //! How the picture is made: what flags, path and defaults come to.
 
 use super::checks::in_range;
-use super::compression::TexelQuestion;
+use super::drawing::{Drawing, DrawingQuestion};
 use crate::cli::picture::{PictureArgs, Quality};
 use crate::cli::values::{PictureSize, Rgb};
 use crate::failure::Failure;
 use crate::path::PathSettings;
 use crate::rig_file::RigFile;
-use anyhow::anyhow;
 use terravision_common::rig::Rig;
 use terravision_common::run::{RaysChoice, TechniqueChoice};
 use terravision_common::shm::Layout;
+use terravision_common::technique::Decision;
 use terravision_common::texels::TexelFormat;
 use terravision_common::world::World;
 
@@ -41,12 +41,16 @@ pub(super) struct PictureChoice {
     pub(super) vfov_rad: f64,
     /// The cameras that the pose carries.
     pub(super) rig: Option<Rig>,
-    pub(super) technique: TechniqueChoice,
-    pub(super) rays: RaysChoice,
+    pub(super) decision: Decision,
     pub(super) texels: TexelFormat,
     /// Wanted sizes of facets (r_z) and texels (r_c), pixels.
     pub(super) wanted_px: [f64; 2],
+    /// Size of facets while the camera of a flight against the clock rests, pixels: that of the best
+    /// quality.
+    pub(super) rest_facet_px: f64,
     pub(super) samples: u32,
+    /// What is done differently than asked, a sentence.
+    pub(super) warning: Option<String>,
 }
 
 impl PictureChoice {
@@ -56,8 +60,7 @@ impl PictureChoice {
         rig: Option<&RigFile>,
         settings: &PathSettings,
         usual: Quality,
-        is_realtime: bool,
-        texels: TexelQuestion,
+        drawing: DrawingQuestion,
         world: &World,
     ) -> Result<Self, Failure> {
         let size = picture.size.unwrap_or(PictureSize {
@@ -68,27 +71,27 @@ impl PictureChoice {
         let vfov_rad = vfov_rad(picture, of_path, size)?;
         let rig = rig.map(|file| file.rig([size.width, size.height], vfov_rad)).transpose();
         let rig = rig.map_err(Failure::bad_input)?;
-        let (technique, rays) = technique(picture, is_realtime)?;
-        let texels = texels.decide()?;
-        let is_swept = technique == TechniqueChoice::Rays && rays == RaysChoice::Sweep;
+        let Drawing { decision, texels, warning } = drawing.decide()?;
+        let is_rays = decision.technique == TechniqueChoice::Rays;
+        let is_swept = decision.is_swept();
+        let best_facet_px = if is_swept && !world.has_validity() { 1.4 } else { 3.0 };
         let (facet_px, samples) = match picture.quality.unwrap_or(usual) {
             // What rays through voxels cost grows with pixels: facets of half the area make up for
             // what sampling loses.
-            Quality::Default if technique == TechniqueChoice::Rays && rays == RaysChoice::Coherent => (7.0, 1),
+            Quality::Default if is_rays && decision.rays == RaysChoice::Coherent => (7.0, 1),
             // A sweep reads heights in place: facets cost little. In a world with validity the preparer
             // makes arrays of them.
             Quality::Default if is_swept => (if world.has_validity() { 5.0 } else { 3.0 }, 1),
-            Quality::Best if is_swept && !world.has_validity() => (1.4, 4),
             Quality::Default => (10.0, 1),
-            Quality::Best => (3.0, 4),
+            Quality::Best => (best_facet_px, 4),
             Quality::Finest => (Layout::finest_facet_px(world, pixels(size, rig.as_ref())), 4),
         };
         let facet_px =
             in_range("--facet-px", picture.facet_px.unwrap_or(facet_px), 0.5, 1e4, "pixels from 0.5 to 10000")?;
         let texel_px = in_range("--texel-px", picture.texel_px.unwrap_or(1.0), 0.25, 1e4, "pixels from 0.25 to 10000")?;
-        let samples = if technique == TechniqueChoice::Rays { 1 } else { samples };
-        let samples = picture.samples.unwrap_or(samples);
-        Ok(Self { size, vfov_rad, rig, technique, rays, texels, wanted_px: [facet_px, texel_px], samples })
+        let samples = if is_rays { 1 } else { picture.samples.unwrap_or(samples) };
+        let (wanted_px, rest_facet_px) = ([facet_px, texel_px], best_facet_px);
+        Ok(Self { size, vfov_rad, rig, decision, texels, wanted_px, rest_facet_px, samples, warning })
     }
 
     /// Pixels of all views together.
@@ -123,25 +126,4 @@ pub(super) fn vfov_rad(picture: &PictureArgs, of_path: Option<f64>, size: Pictur
     }
     let vfov_deg = picture.vfov.or(of_path.map(f64::to_degrees)).unwrap_or(DEFAULT_VFOV_DEG);
     Ok(in_range("--vfov", vfov_deg, 1.0, 170.0, EXPECTED)?.to_radians())
-}
-
-/// How the ground is drawn, and how rays are cast if they are. Rays refuse what only the mesh does.
-pub(super) fn technique(picture: &PictureArgs, is_realtime: bool) -> Result<(TechniqueChoice, RaysChoice), Failure> {
-    // Who says how rays are cast wants rays.
-    let technique = match (picture.technique, picture.rays) {
-        (Some(technique), _) => TechniqueChoice::from(technique),
-        (None, Some(_)) => TechniqueChoice::Rays,
-        (None, None) => TechniqueChoice::Auto,
-    };
-    if technique == TechniqueChoice::Rays && picture.samples.is_some_and(|samples| samples > 1) {
-        return Err(Failure::bad_input(anyhow!(
-            "--samples {} applies to --technique mesh only: one ray is cast per pixel",
-            picture.samples.unwrap_or_default()
-        )));
-    }
-    if technique == TechniqueChoice::Mesh && picture.rays.is_some() {
-        return Err(Failure::bad_input(anyhow!("--rays applies to --technique rays only")));
-    }
-    let usual = if is_realtime { RaysChoice::Auto } else { RaysChoice::Mipmap };
-    Ok((technique, picture.rays.map_or(usual, RaysChoice::from)))
 }

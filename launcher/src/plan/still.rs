@@ -1,8 +1,8 @@
 //! The plan of `terravision still`.
 
 use super::checks::{exaggeration, has_extension, is_folder_name};
-use super::compression::TexelQuestion;
 use super::draft::Draft;
+use super::drawing::DrawingQuestion;
 use super::{FlightPlan, PICTURES, course, supervision};
 use crate::cli::picture::Quality;
 use crate::cli::still::StillArgs;
@@ -21,7 +21,7 @@ use terravision_common::run::{PlaneTarget, SinkConfig};
 /// # Errors
 /// Bad input, in one sentence.
 pub fn still(args: &StillArgs) -> Result<FlightPlan, Failure> {
-    let texels = TexelQuestion::new(&args.picture, Quality::Finest)?;
+    let drawing = DrawingQuestion::new(&args.picture, Quality::Finest, args.resources.validation)?;
     let database = open_world(&args.world, &args.database)?;
     let exaggeration = exaggeration(args.picture.exaggeration)?;
     let (pose, warnings) = course::pose(&args.pose, args.agl, &database, exaggeration)?;
@@ -51,7 +51,7 @@ pub fn still(args: &StillArgs) -> Result<FlightPlan, Failure> {
     draft.depth = planes(&args.depth)?;
     draft.ground = planes(&args.ground)?;
     draft.files = outputs.files;
-    let mut plan = draft.finish(texels, &args.measurements)?;
+    let mut plan = draft.finish(drawing, &args.measurements)?;
     plan.restarts = supervision::restarts(&SupervisionArgs::default(), &plan.config)?;
     Ok(plan)
 }

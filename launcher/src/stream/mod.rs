@@ -3,10 +3,11 @@
 //!
 //! ```text
 //! renderer ──packets──▶ pipe ──▶ relay (a thread) ──whole frames, each once, in order──▶ ffmpeg, or standard output
-//! its successor ──────▶ another pipe ──┘
+//! its successor ──────▶ another pipe ──┘   ▲
+//!    └─both: frames ──▶ stream ring ───────┘
 //! ```
 //!
-//! * [`relay`]: from packets to a stream. [`encoder`]: ffmpeg; [`hang`]: whether it takes what it
+//! * [`relay`]: from frames in shared memory to a stream. [`encoder`]: ffmpeg; [`hang`]: whether it takes what it
 //!   is given. [`film`]: codecs.
 
 pub mod encoder;
@@ -30,11 +31,12 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 use terravision_common::film::{FrameEncoding, y4m_header};
 use terravision_common::run::{RunConfig, SinkConfig};
+use terravision_common::shm::{RunId, ShmError, StreamReader};
 
 /// Between two looks at what is being completed.
 const TICK: Duration = Duration::from_millis(2);
-/// Room in a pipe, as far as the system grants it: fewer changes between the two processes for
-/// every frame.
+/// Room in the encoder's pipe, as far as the system grants it: fewer changes between the two
+/// processes for every frame.
 const PIPE_BYTES: usize = 1 << 20;
 
 /// Where a stream ends.
@@ -109,12 +111,18 @@ pub enum StreamError {
         source: anyhow::Error,
     },
     /// A packet is not of this flight.
-    #[error("the renderer sent frame {frame} of {bytes} bytes, which is not a frame of this flight")]
+    #[error("the renderer sent frame {frame} at position {position}, which is not a frame of this flight")]
     StrangePacket {
         /// The frame that it claims to be.
         frame: u64,
-        /// The length that it claims.
-        bytes: u64,
+        /// Where it claims to lie.
+        position: u64,
+    },
+    /// Frames cannot be read.
+    #[error(transparent)]
+    Ring {
+        /// Why.
+        source: ShmError,
     },
     /// A frame did not come, and nothing may stand in for it.
     #[error("frame {frame} of the film is missing: the renderer did not send it")]
@@ -142,15 +150,12 @@ impl StreamKeeper {
     /// The stream of a run, if its pictures go into one.
     ///
     /// # Errors
-    /// [`StreamError::StartEncoder`], [`StreamError::Write`].
-    pub fn start(config: &RunConfig, target: Option<&StreamTarget>) -> Result<Option<Self>, StreamError> {
-        let (Some(target), SinkConfig::Stream(encoding)) = (target, &config.render.sink) else { return Ok(None) };
+    /// [`StreamError::StartEncoder`], [`StreamError::Write`], [`StreamError::Ring`].
+    pub fn start(run: &RunId, config: &RunConfig, target: Option<&StreamTarget>) -> Result<Option<Self>, StreamError> {
+        let (Some(target), SinkConfig::Stream(_)) = (target, &config.render.sink) else { return Ok(None) };
         let size = config.output_size();
-        let shape = StreamShape {
-            frame_bytes: encoding.frame_bytes(size),
-            frames: config.frames,
-            has_gaps: config.realtime.is_some(),
-        };
+        let shape = StreamShape { frames: config.frames, has_gaps: config.realtime.is_some() };
+        let ring = StreamReader::open(run).map_err(|source| StreamError::Ring { source })?;
         let (encoder, out): (_, Box<dyn Write + Send>) = match target {
             StreamTarget::Film { temporary, format, .. } => {
                 let (encoder, input) = Encoder::start("ffmpeg".as_ref(), temporary, *format, size, config.fps)?;
@@ -173,7 +178,7 @@ impl StreamKeeper {
         #[expect(clippy::disallowed_methods, reason = "a pipe for each start of a renderer, of which there are few")]
         let (pipes, coming) = channel();
         let passage = Arc::new(Passage::default());
-        let relay = Relay::new(shape, out, Arc::clone(&passage));
+        let relay = Relay::new(shape, ring, out, Arc::clone(&passage));
         let relay = in_thread("stream", move || relay.run(&coming)).map_err(|source| StreamError::Thread { source })?;
         Ok(Some(Self { target: target.clone(), pipes: Some(pipes), relay: Some(relay), passage, encoder }))
     }
@@ -184,8 +189,6 @@ impl StreamKeeper {
     /// The system has no pipes left.
     pub fn pipe(&self) -> io::Result<OwnedFd> {
         let (read, write): (PipeReader, PipeWriter) = io::pipe()?;
-        // It may be more than a user is allowed to have.
-        rustix::pipe::fcntl_setpipe_size(&write, PIPE_BYTES).ok();
         if let Some(pipes) = &self.pipes {
             // A relay that has failed takes no more pipes: writing into one fails.
             drop(pipes.send(read));

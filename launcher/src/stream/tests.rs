@@ -11,8 +11,9 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use std::sync::mpsc::channel;
 use std::sync::{Arc, Mutex};
-use terravision_common::film::{FrameEncoding, PacketHeader};
+use terravision_common::film::{FrameEncoding, Packet};
 use terravision_common::run::OPEN_END;
+use terravision_common::shm::{StreamReader, memory};
 
 const BYTES: u64 = 3;
 
@@ -35,9 +36,16 @@ impl Write for Shared {
     }
 }
 
-fn packet(frame: u64) -> Vec<u8> {
-    let header = PacketHeader { frame, bytes: BYTES };
-    [&header.to_bytes()[..], &[frame as u8; BYTES as usize]].concat()
+/// Frames that a renderer has put into the ring, and what it has said of them before it ended.
+#[derive(Clone)]
+struct Renderer {
+    frames: Vec<u64>,
+    /// Bytes of its last packet.
+    last_bytes: usize,
+}
+
+fn sends(frames: &[u64]) -> Renderer {
+    Renderer { frames: frames.to_vec(), last_bytes: Packet::SIZE }
 }
 
 /// A pipe through which a renderer has sent these bytes before it ended.
@@ -54,26 +62,46 @@ struct Relayed {
     has_failed: bool,
 }
 
-fn relay(frames: [u64; 2], has_gaps: bool, renderers: &[Vec<u8>], is_complete: bool, breaks_after: usize) -> Relayed {
-    let shape = StreamShape { frame_bytes: BYTES, frames, has_gaps };
+fn relay(frames: [u64; 2], has_gaps: bool, renderers: &[Renderer], is_complete: bool, breaks_after: usize) -> Relayed {
+    let (mut writer, reader) = memory::stream_ring(32, BYTES as u32).unwrap();
+    let control = memory::control().unwrap();
+    let mut said = Vec::new();
+    for Renderer { frames, last_bytes } in renderers {
+        let mut bytes = Packet { frame: Packet::BEGIN, position: writer.next_position() }.to_bytes().to_vec();
+        for frame in frames {
+            let mut array = writer.begin(&control).unwrap();
+            array.fill(*frame as u8);
+            bytes.extend(Packet { frame: *frame, position: array.publish() }.to_bytes());
+        }
+        bytes.truncate(bytes.len() - Packet::SIZE + last_bytes);
+        said.push(bytes);
+    }
+    relay_said(frames, has_gaps, reader, &said, is_complete, breaks_after)
+}
+
+fn relay_said(
+    frames: [u64; 2],
+    has_gaps: bool,
+    ring: StreamReader,
+    said: &[Vec<u8>],
+    is_complete: bool,
+    breaks_after: usize,
+) -> Relayed {
+    let shape = StreamShape { frames, has_gaps };
     let out = Shared(Arc::default(), breaks_after);
     let passage = Arc::new(Passage::default());
     passage.is_complete.store(is_complete, Ordering::Relaxed);
     #[expect(clippy::disallowed_methods, reason = "a test sends a few")]
     let (pipes, coming) = channel();
-    renderers.iter().for_each(|bytes| pipes.send(pipe(bytes)).unwrap());
+    said.iter().for_each(|bytes| pipes.send(pipe(bytes)).unwrap());
     drop(pipes);
-    let result = Relay::new(shape, Box::new(out.clone()), Arc::clone(&passage)).run(&coming);
+    let result = Relay::new(shape, ring, Box::new(out.clone()), Arc::clone(&passage)).run(&coming);
     let frames = out.0.lock().unwrap().chunks(BYTES as usize).map(|frame| frame[0]).collect();
     Relayed { result, frames, has_failed: passage.has_failed.load(Ordering::Relaxed) }
 }
 
-fn packets(frames: &[u64]) -> Vec<u8> {
-    frames.iter().copied().flat_map(packet).collect()
-}
-
 /// What a flight of frames 5 to 9 becomes, against the clock.
-fn filled(renderers: &[Vec<u8>]) -> Vec<u8> {
+fn filled(renderers: &[Renderer]) -> Vec<u8> {
     let relayed = relay([5, 10], true, renderers, true, usize::MAX);
     relayed.result.unwrap();
     relayed.frames
@@ -81,18 +109,18 @@ fn filled(renderers: &[Vec<u8>]) -> Vec<u8> {
 
 #[test]
 fn every_frame_of_a_flight_against_the_clock_has_a_picture() {
-    assert_eq!(filled(&[packets(&[5, 6, 9])]), [5, 6, 6, 6, 9]);
-    assert_eq!(filled(&[packets(&[7])]), [7, 7, 7, 7, 7]);
+    assert_eq!(filled(&[sends(&[5, 6, 9])]), [5, 6, 6, 6, 9]);
+    assert_eq!(filled(&[sends(&[7])]), [7, 7, 7, 7, 7]);
     assert_eq!(filled(&[]), [0; 0]);
 }
 
 #[test]
 fn a_renderer_that_is_killed_takes_half_a_packet_along_and_no_more() {
-    for cut in [1, 8, 16, 17, 18] {
-        let killed = [packets(&[5, 6]), packet(7)[..cut].to_vec()].concat();
-        assert_eq!(filled(&[killed.clone(), packets(&[8, 9])]), [5, 6, 6, 8, 9], "cut at {cut}");
+    for last_bytes in [0, 1, 8, 15] {
+        let killed = Renderer { last_bytes, ..sends(&[5, 6, 7]) };
+        assert_eq!(filled(&[killed.clone(), sends(&[8, 9])]), [5, 6, 6, 8, 9], "{last_bytes} bytes of the last one");
         // In exact mode the next one draws it again.
-        let relayed = relay([5, 10], false, &[killed, packets(&[7, 8, 9])], true, usize::MAX);
+        let relayed = relay([5, 10], false, &[killed, sends(&[7, 8, 9])], true, usize::MAX);
         relayed.result.unwrap();
         assert_eq!(relayed.frames, [5, 6, 7, 8, 9]);
     }
@@ -100,45 +128,65 @@ fn a_renderer_that_is_killed_takes_half_a_packet_along_and_no_more() {
 
 #[test]
 fn what_comes_again_is_passed_on_once() {
-    assert_eq!(filled(&[packets(&[5, 6, 7]), packets(&[6, 7, 8]), packets(&[9])]), [5, 6, 7, 8, 9]);
+    assert_eq!(filled(&[sends(&[5, 6, 7]), sends(&[6, 7, 8]), sends(&[9])]), [5, 6, 7, 8, 9]);
 }
 
 #[test]
 fn a_flight_without_a_known_end_ends_with_its_last_frame() {
-    let relayed = relay([0, OPEN_END], true, &[packets(&[0, 2])], true, usize::MAX);
+    let relayed = relay([0, OPEN_END], true, &[sends(&[0, 2])], true, usize::MAX);
     relayed.result.unwrap();
     assert_eq!(relayed.frames, [0, 0, 2]);
 }
 
 #[test]
 fn a_stream_that_is_broken_off_is_not_filled_up() {
-    let relayed = relay([5, 10], true, &[packets(&[5])], false, usize::MAX);
+    let relayed = relay([5, 10], true, &[sends(&[5])], false, usize::MAX);
     relayed.result.unwrap();
     assert_eq!(relayed.frames, [5]);
 }
 
 #[test]
 fn exact_frames_have_no_stand_in() {
-    let relayed = relay([5, 10], false, &[packets(&[5, 7])], true, usize::MAX);
+    let relayed = relay([5, 10], false, &[sends(&[5, 7])], true, usize::MAX);
     assert!(matches!(relayed.result, Err(StreamError::Gap { frame: 6 })) && relayed.has_failed);
 }
 
 #[test]
 fn packets_of_another_flight_are_refused() {
     for strange in [
-        PacketHeader { frame: 4, bytes: BYTES },
-        PacketHeader { frame: 10, bytes: BYTES },
-        PacketHeader { frame: 5, bytes: BYTES + 1 },
-        PacketHeader { frame: 5, bytes: u64::MAX },
+        Packet { frame: 4, position: 0 },
+        Packet { frame: 10, position: 0 },
+        Packet { frame: 5, position: 1 },
+        Packet { frame: 5, position: u64::MAX },
     ] {
-        let relayed = relay([5, 10], true, &[strange.to_bytes().to_vec()], true, usize::MAX);
+        let (mut writer, reader) = memory::stream_ring(2, BYTES as u32).unwrap();
+        writer.begin(&memory::control().unwrap()).unwrap().publish();
+        let relayed = relay_said([5, 10], true, reader, &[strange.to_bytes().to_vec()], true, usize::MAX);
         assert!(matches!(relayed.result, Err(StreamError::StrangePacket { .. })) && relayed.has_failed);
     }
+    let (_writer, reader) = memory::stream_ring(2, BYTES as u32).unwrap();
+    let strange = Packet { frame: Packet::BEGIN, position: 1 };
+    let relayed = relay_said([5, 10], true, reader, &[strange.to_bytes().to_vec()], true, usize::MAX);
+    assert!(matches!(relayed.result, Err(StreamError::Ring { .. })) && relayed.has_failed);
+}
+
+/// A renderer that waits for room is not held up by one before it that told of nothing.
+#[test]
+fn frames_that_nobody_told_of_are_given_back() {
+    let (mut writer, reader) = memory::stream_ring(2, BYTES as u32).unwrap();
+    let control = memory::control().unwrap();
+    for _ in 0..2 {
+        writer.begin(&control).unwrap().publish();
+    }
+    assert!(!writer.has_room().unwrap());
+    let begin = Packet { frame: Packet::BEGIN, position: writer.next_position() };
+    relay_said([5, 10], false, reader, &[begin.to_bytes().to_vec()], false, usize::MAX).result.unwrap();
+    assert!(writer.has_room().unwrap());
 }
 
 #[test]
 fn a_reader_that_goes_is_told_of_before_the_renderer_notices() {
-    let relayed = relay([5, 10], true, &[packets(&[5, 6, 7])], true, 2 * BYTES as usize);
+    let relayed = relay([5, 10], true, &[sends(&[5, 6, 7])], true, 2 * BYTES as usize);
     assert!(matches!(relayed.result, Err(StreamError::ReaderGone { frames: 2 })) && relayed.has_failed);
 }
 

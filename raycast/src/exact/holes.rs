@@ -54,7 +54,7 @@ impl Canvas<'_> {
     }
 
     fn look_at_row(&self, row: usize, counts: &mut Counts) {
-        for ((color, depth), x) in self.picture.rows(row..row + 1).zip(0u32..) {
+        for ((color, depth), x) in self.picture.row(row).zip(0u32..) {
             if !depth.is_finite() {
                 continue;
             }

@@ -24,7 +24,7 @@ const LEAST_FACING: f32 = 1e-3;
 /// RGBA8, red in the lowest byte; a tile without a colour has no outline.
 pub(crate) fn draw(scene: &Scene<'_>, outlines: &[u32], picture: &Picture, workers: &Workers) {
     let outliner = Outliner { scene, outlines };
-    let [width, height] = picture.size().map(|side| side as usize);
+    let height = picture.size()[1] as usize;
     let next = AtomicUsize::new(0);
     workers.run(|_worker| {
         loop {
@@ -33,11 +33,12 @@ pub(crate) fn draw(scene: &Scene<'_>, outlines: &[u32], picture: &Picture, worke
             if first >= height {
                 return 0;
             }
-            let rows = first..height.min(first + ROWS_AT_A_TIME);
-            for (n, (color, depth)) in picture.rows(rows).enumerate() {
-                let pixel = [(n % width) as u32, (first + n / width) as u32];
-                if let Some((outline, cover)) = outliner.at(pixel, depth) {
-                    picture.put(pixel, mix(color, outline, cover), depth);
+            for y in first..height.min(first + ROWS_AT_A_TIME) {
+                for ((color, depth), x) in picture.row(y).zip(0..) {
+                    let pixel = [x, y as u32];
+                    if let Some((outline, cover)) = outliner.at(pixel, depth) {
+                        picture.put(pixel, mix(color, outline, cover), depth);
+                    }
                 }
             }
         }

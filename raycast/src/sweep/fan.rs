@@ -20,7 +20,9 @@ pub(super) struct Block {
     /// depth, on the plane of depth 1.
     pub(super) rise: Sixteen<f32>,
     pub(super) depth: Sixteen<f32>,
-    /// Slopes along the picture's lower and upper edge.
+    /// Rows of the sector in which pixels are beside their lines.
+    pub(super) rows: [f32; 2],
+    /// Slopes along the lower edge of the first of them, and along the upper edge of the last.
     pub(super) lowest: Sixteen<f32>,
     pub(super) highest: Sixteen<f32>,
     /// Where the ground begins and ends, metres from the eye.
@@ -46,6 +48,8 @@ pub(super) struct Fan {
     pub(super) rows: Vec<Row>,
     pub(super) blocks: Vec<Block>,
     pub(super) steps: Vec<Step>,
+    /// Whether edges of ground are looked for.
+    pub(super) finds_edges: bool,
 }
 
 impl Fan {
@@ -70,11 +74,12 @@ impl Fan {
     /// Makes the planes and steps of a sector.
     pub(super) fn set(&mut self, sector: Sector, rows: &[Row], scene: &Scene<'_>, detail: &SweepDetail) {
         self.sector = Some(sector);
+        self.finds_edges = detail.has_soft_edges;
         self.rows.clear();
         self.rows.extend_from_slice(rows);
         self.blocks.clear();
         for first in (0..sector.lines).step_by(LANES) {
-            self.blocks.push(Block::new(&sector, first, scene));
+            self.blocks.push(Block::new(&sector, rows, first, scene));
         }
         self.set_steps(scene, detail);
     }
@@ -135,12 +140,14 @@ fn first_distance(scene: &Scene<'_>, lowest: f32) -> f32 {
 }
 
 impl Block {
-    fn new(sector: &Sector, first: usize, scene: &Scene<'_>) -> Self {
+    fn new(sector: &Sector, rows: &[Row], first: usize, scene: &Scene<'_>) -> Self {
+        let seen = sector.rows_of_lines(rows, first, first + LANES - 1);
         let mut block = Self {
             east: [0.0; LANES],
             north: [0.0; LANES],
             rise: [0.0; LANES],
             depth: [0.0; LANES],
+            rows: seen.map(|row| row as f32),
             lowest: [0.0; LANES],
             highest: [0.0; LANES],
             begin: [0.0; LANES],
@@ -148,7 +155,7 @@ impl Block {
             has_ground: [false; LANES],
         };
         for k in 0..LANES {
-            let plane = sector.plane(first + k);
+            let plane = sector.plane(first + k, seen);
             let direction = plane.direction.as_vec2();
             let [begin, end] = scene.ground_along(direction);
             [block.east[k], block.north[k]] = direction.to_array();
@@ -157,7 +164,7 @@ impl Block {
             [block.lowest[k], block.highest[k]] = plane.slopes.map(|slope| slope as f32);
             block.begin[k] = begin;
             block.end[k] = end;
-            block.has_ground[k] = begin < end;
+            block.has_ground[k] = begin < end && seen[0] < seen[1];
         }
         // Planes without ground follow one that has some, so that they cost nothing.
         if let Some(other) = (0..LANES).find(|k| block.has_ground[*k]) {

@@ -11,6 +11,7 @@
 //!    strips of 128 lines, to whichever worker is free:
 //!    trace: heights under sixteen planes, horizon by horizon ─▶ strip: nearness of rows
 //!    shade: rows of pixels ─▶ place, footprint ─▶ texels, out of the tiles' layers in place ─▶ picture
+//!    edges: at best, pixels on silhouettes: what their middle does not see is mixed in
 //! ```
 //!
 //! The surface is that of all methods: facets of the ground's tiles. It is sampled at steps of so
@@ -18,6 +19,7 @@
 //! vectors of sixteen numbers (`terravision_common::simd`), done by the widest instructions that the processor
 //! has ([`Instructions`]), with the same bits by all of them.
 
+mod edges;
 mod fan;
 mod heights;
 mod sector;
@@ -36,6 +38,7 @@ use crate::workers::Workers;
 use fan::{Block, Fan};
 use sector::{Row, Sector};
 use shade::Shader;
+use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use strip::{LINES, Strip};
@@ -43,8 +46,13 @@ use terravision_common::camera::Camera;
 use terravision_common::simd::{Instructions, LANES, Simd, Work};
 use trace::Tracer;
 
-/// Blocks of a strip.
+/// Blocks of a strip at most.
 const BLOCKS: usize = LINES / LANES;
+/// The share of the blocks that are left which a strip has, and blocks of one at least: the last ones
+/// are narrow, so that no worker waits long for another one, while every strip adds half a vector to
+/// each of its rows. (The picture must not depend on how many workers there are.)
+const SHARE: usize = 3;
+const FEWEST_BLOCKS: usize = 2;
 /// A picture has no more sectors.
 const MOST_SECTORS: usize = 4;
 
@@ -69,6 +77,8 @@ pub struct SweepDetail {
     pub footprint_across: f32,
     /// Whether two texels of a footprint are averaged.
     pub has_two_taps: bool,
+    /// Whether pixels on edges of ground, against ground behind it and the sky, show both sides.
+    pub has_soft_edges: bool,
 }
 
 impl SweepDetail {
@@ -81,10 +91,18 @@ impl SweepDetail {
         footprint_along: 0.5,
         footprint_across: 0.7,
         has_two_taps: false,
+        has_soft_edges: false,
     };
     /// As near to the truth as it gets.
-    pub const BEST: Self =
-        Self { step_px: 1.0, of_spacing: 0.125, post_px: 1.0, lines_per_px: 0.75, has_two_taps: true, ..Self::DEFAULT };
+    pub const BEST: Self = Self {
+        step_px: 1.0,
+        of_spacing: 0.125,
+        post_px: 1.0,
+        lines_per_px: 0.75,
+        has_two_taps: true,
+        has_soft_edges: true,
+        ..Self::DEFAULT
+    };
 
     /// As densely as facets of this size are: a cell of two facets is as wide as the square root of
     /// two. Then no leaf of the tree is coarser than its distance wants. Steps are no longer than by
@@ -104,8 +122,8 @@ pub(crate) struct Sweep {
     instructions: Instructions,
     fans: Vec<Fan>,
     rows: Vec<Row>,
-    /// Sector and first block of each strip.
-    strips: Vec<[usize; 2]>,
+    /// Sector, and first and last block but one, of each strip.
+    strips: Vec<(usize, Range<usize>)>,
     /// Of each worker.
     memory: Vec<Mutex<Strip>>,
 }
@@ -148,8 +166,8 @@ impl Sweep {
             let mut strip = memory[worker].lock().unwrap_or_else(PoisonError::into_inner);
             let mut counts = Counts::default();
             // Relaxed: which worker takes a strip shows nowhere.
-            while let Some([fan, first]) = strips.get(next.fetch_add(1, Ordering::Relaxed)).copied() {
-                let work = StripWork { canvas, fan: &fans[fan], first, detail };
+            while let Some((fan, blocks)) = strips.get(next.fetch_add(1, Ordering::Relaxed)) {
+                let work = StripWork { canvas, fan: &fans[*fan], first: blocks.start, end: blocks.end, detail };
                 counts.samples += instructions.run(Trace { work, strip: &mut strip });
                 counts.hits += instructions.run(Shade { work, strip: &strip });
             }
@@ -168,11 +186,11 @@ impl Sweep {
         fans.iter_mut().for_each(|fan| fan.reserve(scene, size, detail));
         rows.reserve(longest.saturating_sub(rows.len()));
         strips.clear();
-        strips.reserve(fans.iter().map(|fan| fan.blocks.capacity() / BLOCKS + 1).sum());
+        strips.reserve(fans.iter().map(|fan| fan.blocks.capacity() / FEWEST_BLOCKS + 1).sum());
         let mut count = 0;
         let mut put = |sector: Sector, rows: &[Row]| {
             fans[count].set(sector, rows, scene, detail);
-            strips.extend((0..fans[count].blocks.len()).step_by(BLOCKS).map(|first| [count, first]));
+            strips.extend(strips_of(fans[count].blocks.len()).map(|blocks| (count, blocks)));
             count += 1;
         };
         Sector::all(camera, f64::from(detail.lines_per_px), &mut put, rows);
@@ -180,19 +198,31 @@ impl Sweep {
     }
 }
 
+/// The blocks of a sector's strips.
+fn strips_of(count: usize) -> impl Iterator<Item = Range<usize>> {
+    let mut first = 0;
+    std::iter::from_fn(move || {
+        let left = count - first;
+        let blocks = first..first + (left / SHARE).clamp(FEWEST_BLOCKS, BLOCKS).min(left);
+        first = blocks.end;
+        (!blocks.is_empty()).then_some(blocks)
+    })
+}
+
 /// A strip to be swept and shaded.
 #[derive(Clone, Copy)]
 struct StripWork<'a> {
     canvas: &'a Canvas<'a>,
     fan: &'a Fan,
-    /// Its first block.
+    /// Its first block, and the one behind its last.
     first: usize,
+    end: usize,
     detail: &'a SweepDetail,
 }
 
 impl<'a> StripWork<'a> {
     fn blocks(&self) -> &'a [Block] {
-        &self.fan.blocks[self.first..self.fan.blocks.len().min(self.first + BLOCKS)]
+        &self.fan.blocks[self.first..self.end]
     }
 }
 
@@ -229,9 +259,13 @@ impl Work for Shade<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self, simd: S) -> u64 {
-        let StripWork { canvas, fan, first, detail } = self.work;
-        let lines = first * LANES..(first + self.work.blocks().len()) * LANES;
+        let StripWork { canvas, fan, first, end, detail } = self.work;
+        let lines = first * LANES..end * LANES;
         let Some(mut shader) = Shader::new(simd, canvas, fan, detail) else { return 0 };
-        shader.shade(self.strip, lines)
+        let ground = shader.shade(self.strip, lines.clone());
+        if detail.has_soft_edges {
+            shader.soften(self.strip, lines);
+        }
+        ground
     }
 }

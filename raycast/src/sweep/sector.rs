@@ -22,6 +22,9 @@ use terravision_common::camera::Camera;
 /// up.
 const STEEPEST: f64 = 1e6;
 
+/// A pixel is between two lines; it looks at no line that is further away than this many.
+const BESIDE: f64 = 2.0;
+
 /// A part of a picture whose vertical lines go up, at 45 degrees at most.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sector {
@@ -100,8 +103,8 @@ pub(super) struct Plane {
     /// and `depth + slope·v.z` metres of depth, both on the plane of depth 1.
     pub(super) rise: f64,
     pub(super) depth: f64,
-    /// Slopes of the lines of sight along the lower edge of its lowest row, and along the upper
-    /// edge of the highest.
+    /// Slopes of the lines of sight along the lower edge of the lowest row that is looked at, and
+    /// along the upper edge of the highest.
     pub(super) slopes: [f64; 2],
 }
 
@@ -152,6 +155,7 @@ impl Sector {
             return false;
         };
         self.rows = [first as u32, last as u32 + 1];
+        self.lines_per_px *= self.closeness(rows, [first, last]);
         // Lines part, or meet, from row to row: they are counted where they are widest apart, so that
         // no pixel is between two that are further apart than asked.
         let upness = |row: usize| self.upness(self.place_y(row as u32));
@@ -173,12 +177,38 @@ impl Sector {
         true
     }
 
+    /// How near to each other lines that lean are, where that is least, as a share of their distance
+    /// along a row.
+    fn closeness(&self, rows: &[Row], ends: [usize; 2]) -> f64 {
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        for row in ends {
+            for x in [rows[row].first, rows[row].end - 1] {
+                let lean = self.sideness(self.place_x(x)) / self.upness(self.place_y(row as u32));
+                low = low.min(lean);
+                high = high.max(lean);
+            }
+        }
+        let least = low.max(-high).max(0.0);
+        // At the foot itself lines lean to all sides.
+        if least.is_finite() { 1.0 / (1.0 + least * least).sqrt() } else { 1.0 }
+    }
+
     /// Works out which lines pass the pixels of a row.
     fn place_lines(&self, row: &mut Row, number: u32) {
         let x = row.first.min(self.size[0] - 1);
         let up = self.upness(self.place_y(number));
         row.per_pixel = if up > 0.0 { self.reference[1] / up * self.lines_per_px } else { 0.0 };
         row.line = (self.reference_px(x, number) - self.first_px) * self.lines_per_px;
+    }
+
+    /// The rows, of all, in which pixels are beside lines from `first` to `last`: where lines lean or
+    /// meet, those at the sides leave the picture.
+    pub(super) fn rows_of_lines(&self, rows: &[Row], first: usize, last: usize) -> [u32; 2] {
+        let (first, last) = (first as f64 - BESIDE, last as f64 + BESIDE);
+        let is_beside = |row: &Row| row.first < row.end && row.line <= last && row.line_at(row.end - 1) >= first;
+        let begin = rows.iter().position(is_beside).unwrap_or_default();
+        let end = rows.iter().rposition(is_beside).map_or(begin, |last| last + 1);
+        [begin as u32, end as u32]
     }
 
     /// Place of a pixel's middle on the plane of depth 1.
@@ -230,8 +260,8 @@ impl Sector {
         if place.is_finite() { place * self.focal_px } else { x * self.focal_px }
     }
 
-    /// The plane of a line.
-    pub(super) fn plane(&self, line: usize) -> Plane {
+    /// The plane of a line, of which these rows are looked at.
+    pub(super) fn plane(&self, line: usize, rows: [u32; 2]) -> Plane {
         let x = (self.first_px + line as f64 / self.lines_per_px) / self.focal_px;
         let y = self.reference[0];
         let sight = self.forward + self.right * x + self.up * y;
@@ -246,7 +276,7 @@ impl Sector {
             let slope = (y * depth - rise) / up;
             if up > 0.0 && slope.is_finite() { slope.clamp(-STEEPEST, STEEPEST) } else { otherwise }
         };
-        let slopes = [slope(self.rows[0], -STEEPEST), slope(self.rows[1], STEEPEST)];
+        let slopes = [slope(rows[0], -STEEPEST), slope(rows[1], STEEPEST)];
         Plane { direction, rise, depth, slopes }
     }
 
@@ -293,7 +323,12 @@ impl Row {
         if line >= count {
             return self.end;
         }
-        let by = line as f64 - 0.5 - self.line;
+        self.pixel_from(line as f64 - 0.5)
+    }
+
+    /// The first pixel whose middle is on a line or behind it.
+    pub(super) fn pixel_from(&self, line: f64) -> u32 {
+        let by = line - self.line;
         if self.per_pixel == 0.0 {
             return if by <= 0.0 { self.first } else { self.end };
         }

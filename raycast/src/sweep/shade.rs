@@ -29,9 +29,9 @@ const NUMBERS: Sixteen<f32> = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0,
 /// What rows are shaded with.
 pub(super) struct Shader<'a, S> {
     simd: S,
-    canvas: &'a Canvas<'a>,
+    pub(super) canvas: &'a Canvas<'a>,
     scene: &'a Scene<'a>,
-    fan: &'a Fan,
+    pub(super) fan: &'a Fan,
     detail: &'a SweepDetail,
     layout: ColorLayout,
     /// Column and row of the turned picture's lower left pixel, and from pixel to pixel along a row
@@ -41,6 +41,8 @@ pub(super) struct Shader<'a, S> {
     directions: [Vec3; 3],
     /// The tile that pixels are likely over.
     current: Option<TilePaint<'a>>,
+    /// That of a row's first pixels, over which the next row mostly begins, too.
+    begun: Option<TilePaint<'a>>,
 }
 
 /// Where a row is in its strip.
@@ -72,7 +74,7 @@ impl<'a, S: Simd> Shader<'a, S> {
         let [corner, along, up] = pixel_steps;
         let directions = [scene.view.direction_at(corner[0] as f32, corner[1] as f32), direction(along), direction(up)];
         let layout = scene.ground.shape().color;
-        Some(Self { simd, canvas, scene, fan, detail, layout, pixel_steps, directions, current: None })
+        Some(Self { simd, canvas, scene, fan, detail, layout, pixel_steps, directions, current: None, begun: None })
     }
 
     /// Shades all pixels of the strip of the lines `lines`; how many of them are ground.
@@ -93,6 +95,7 @@ impl<'a, S: Simd> Shader<'a, S> {
                 line: first_line,
                 per_pixel: row.lines_per_pixel() as f32,
             };
+            self.current = self.begun;
             let mut x = from;
             while x < to {
                 let end = to.min(x + AHEAD_PIXELS);
@@ -101,6 +104,9 @@ impl<'a, S: Simd> Shader<'a, S> {
                     place.line = first_line + place.per_pixel * (first - from) as f32;
                     let count = (end - first).min(LANES as u32);
                     ground += self.pixels(&place, [first, number], count, &mut ahead);
+                    if first == from {
+                        self.begun = self.current;
+                    }
                 }
                 ahead.color(self.simd);
                 self.put([x, number], (end - x) as usize, &ahead);
@@ -185,6 +191,13 @@ impl<'a, S: Simd> Shader<'a, S> {
         let number = simd.load(&NUMBERS);
         let dx = simd.floats(first.x) + simd.floats(along.x) * number;
         let dy = simd.floats(first.y) + simd.floats(along.y) * number;
+        self.on_ground(seen, depth, [dx, dy])
+    }
+
+    /// The same along directions, metres east and north per metre of depth.
+    #[inline(always)]
+    fn on_ground(&self, seen: &Seen<S>, depth: S::Floats, [dx, dy]: [S::Floats; 2]) -> Points<S> {
+        let simd = self.simd;
         // From row to row depth changes by this much, and the ground's place along the line of
         // sight with it.
         let by = seen.per_row * depth * depth * simd.floats(self.detail.footprint_along);
@@ -235,15 +248,40 @@ impl<'a, S: Simd> Shader<'a, S> {
     /// Puts pixels into the picture.
     #[inline(always)]
     fn put(&self, [x, number]: [u32; 2], count: usize, ahead: &Ahead<'a>) {
-        let simd = self.simd;
+        let [_, along, _] = self.pixel_steps;
+        let (colors, depths) = (ahead.colors.as_flattened(), ahead.depths.as_flattened());
+        self.canvas.picture.put_along(self.pixel([x, number]), along, &colors[..count], &depths[..count]);
+    }
+
+    /// Where a pixel of the sector is in the picture.
+    #[inline(always)]
+    pub(super) fn pixel(&self, [x, number]: [u32; 2]) -> [u32; 2] {
         let [corner, along, up] = self.pixel_steps;
-        let mut pixels = [0; LANES * AHEAD];
-        let (chunks, _) = pixels.as_chunks_mut();
-        for ((chunk, color), depth) in chunks.iter_mut().zip(&ahead.colors).zip(&ahead.depths) {
-            simd.store_joined(simd.load_words(color), simd.load(depth), chunk);
-        }
-        let place = [0, 1].map(|axis| corner[axis] + along[axis] * x as i32 + up[axis] * number as i32);
-        self.canvas.picture.put_along(place.map(|at| at as u32), along, &pixels[..count]);
+        [0, 1].map(|axis| (corner[axis] + along[axis] * x as i32 + up[axis] * number as i32) as u32)
+    }
+
+    /// Colors of sixteen pixels anywhere in the sector: their columns and rows, one over depth and its
+    /// change from row to row. Sky is what is not `land`: a bit of each.
+    #[inline(always)]
+    pub(super) fn colors_of(
+        &mut self,
+        places: &[Sixteen<f32>; 2],
+        seen: &[Sixteen<f32>; 2],
+        land: u32,
+    ) -> Sixteen<u32> {
+        let simd = self.simd;
+        let [x, number] = places.each_ref().map(|of| simd.load(of));
+        let [nearness, per_row] = seen.each_ref().map(|of| simd.load(of));
+        let [corner, along, up] = self.directions;
+        let dx = simd.floats(corner.x) + simd.floats(along.x) * x + simd.floats(up.x) * number;
+        let dy = simd.floats(corner.y) + simd.floats(along.y) * x + simd.floats(up.y) * number;
+        let depth = simd.floats(1.0) / simd.larger(nearness, simd.floats(LEAST_NEARNESS));
+        let points = self.on_ground(&Seen { nearness, per_row }, depth, [dx, dy]);
+        let mut ahead = Ahead::NONE;
+        let number = ahead.add(self.canvas.sky);
+        self.paint(&points, land, number, &mut ahead);
+        ahead.color(simd);
+        ahead.colors[number]
     }
 }
 

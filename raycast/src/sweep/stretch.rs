@@ -1,7 +1,8 @@
 //! Stretches of ground between two steps, from the planes to rows of the picture.
 
+use super::edges::BEHIND;
 use super::strip::{Rows, Strip};
-use super::trace::{NO_SLOPE, Points, State, Tracer};
+use super::trace::{Crest, NO_ROW, NO_SLOPE, Points, State, Tracer};
 use terravision_common::simd::{LANES, Simd, Sixteen};
 
 /// Rows between two points are at least this, when one is divided by them.
@@ -53,6 +54,9 @@ impl<S: Simd> Tracer<'_, S> {
         let end = simd.floor(simd.smaller(simd.larger(stretch.row + half, lowest), highest));
         let [from, to] = if IS_UP { [state.next, end] } else { [end, state.next] };
         let filled = seen & simd.less(from, to);
+        if IS_UP && self.finds_edges {
+            self.find_edges(state, &stretch, [base, per_row], [seen, filled], strip, first);
+        }
         if simd.any(filled) {
             // Of planes that see nothing there are no rows.
             let low = simd.select(filled, from, simd.floats(f32::INFINITY));
@@ -61,6 +65,36 @@ impl<S: Simd> Tracer<'_, S> {
             state.next = simd.select(filled, end, state.next);
         }
         state.horizon = simd.select(seen, points.slope, state.horizon);
+    }
+
+    /// Finds edges: ground that comes up from behind other ground. `straight`: nearness at the
+    /// middle of row 0 and from row to row.
+    #[inline(always)]
+    fn find_edges(
+        &self,
+        state: &mut State<S>,
+        stretch: &Stretch<S>,
+        [base, per_row]: [S::Floats; 2],
+        [seen, filled]: [S::Mask; 2],
+        strip: &mut Strip,
+        first: usize,
+    ) {
+        let (simd, crest) = (self.simd, state.crest);
+        let none = simd.floats(NO_ROW);
+        let was_hidden = seen & simd.less(state.last.slope, state.horizon);
+        let far = base + (crest.row - simd.floats(0.5)) * per_row;
+        let is_new = was_hidden
+            & simd.less(none, crest.row)
+            & simd.at_most(crest.edge, none)
+            & simd.less(far, crest.seen * simd.floats(1.0 - BEHIND));
+        let edge = simd.select(is_new, crest.row, crest.edge);
+        let is_below = simd.less(simd.floats(self.rows[0]), state.next);
+        strip.put_edges(simd, first, [edge, state.next], filled & is_below & simd.less(none, edge));
+        state.crest = Crest {
+            row: simd.select(seen, stretch.row, crest.row),
+            seen: simd.select(seen, stretch.seen, crest.seen),
+            edge: simd.select(filled, none, edge),
+        };
     }
 
     /// Between the last points and these.

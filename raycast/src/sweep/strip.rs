@@ -1,5 +1,6 @@
 //! A strip: neighboring lines between their sweep and their shading. One per worker, used again.
 
+use super::edges::{Edge, Edges};
 use terravision_common::simd::{LANES, Simd};
 
 /// Lines of a strip: eight blocks. What it has of a picture of 720 rows fits into a core's second
@@ -29,11 +30,13 @@ pub(super) struct Strip {
     rows: Vec<StripRow>,
     /// Where the ground of each line ends and the sky begins: rows, not whole ones.
     pub(super) skyline: [f32; LINES + LANES],
+    /// Where ground of each line ends before other ground, or the sky.
+    pub(super) edges: Edges,
 }
 
 impl Default for Strip {
     fn default() -> Self {
-        Self { rows: Vec::new(), skyline: [0.0; LINES + LANES] }
+        Self { rows: Vec::new(), skyline: [0.0; LINES + LANES], edges: Edges::default() }
     }
 }
 
@@ -73,6 +76,24 @@ impl Strip {
             let filled = simd.at_most(lines.low, number) & simd.less(number, lines.high);
             simd.store_where(filled, lines.base + number * lines.per_row, nearness);
             simd.store_where(filled, lines.per_row, per_row);
+        }
+    }
+
+    /// Puts edges of those of sixteen lines for which `are` holds: where they are, and the first row
+    /// behind each.
+    #[inline(always)]
+    pub(super) fn put_edges<S: Simd>(&mut self, simd: S, first: usize, [at, behind]: [S::Floats; 2], are: S::Mask) {
+        let mut left = simd.bits(are);
+        if left == 0 {
+            return;
+        }
+        let mut places = [[0.0; LANES]; 2];
+        simd.store(at, &mut places[0]);
+        simd.store(behind, &mut places[1]);
+        while left != 0 {
+            let k = left.trailing_zeros() as usize % LANES;
+            self.edges.put(first + k, Edge { at: places[0][k], behind: places[1][k] as u32 });
+            left &= left - 1;
         }
     }
 

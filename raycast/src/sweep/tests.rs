@@ -50,6 +50,27 @@ fn a_level_picture_is_one_sector_and_one_that_looks_down_is_four() {
     assert_eq!([[10.0, 0.0, 0.0], [0.0, 0.0, 90.0], [30.0, -90.0, 12.0], [0.0, 90.0, 0.0]].map(sectors), [1, 1, 4, 4]);
 }
 
+/// Heading, pitch and roll of an eye that flies a loop, and one that rolls as it flies.
+fn aerobatics() -> impl Iterator<Item = [f64; 3]> {
+    (0..360).step_by(5).flat_map(|degrees| {
+        let angle = f64::from(degrees);
+        let looping = match angle {
+            0.0..=90.0 => [30.0, angle, 0.0],
+            90.0..=270.0 => [210.0, 180.0 - angle, 180.0],
+            _ => [30.0, angle - 360.0, 0.0],
+        };
+        [looping, [30.0, -16.0, angle]]
+    })
+}
+
+#[test]
+fn every_pixel_is_put_once_in_a_loop_and_in_a_barrel_roll() {
+    for angles in aerobatics() {
+        let times = times(&camera(angles, 60.0, [128, 72]), 0.4);
+        assert!(times.iter().all(|n| *n == 1), "{angles:?}");
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(400))]
 

@@ -35,7 +35,7 @@ impl<S: Simd> Points<S> {
 }
 
 /// A tile's colors, as pixels use them.
-#[derive(Debug)]
+#[derive(Debug, Clone, Copy)]
 pub(super) struct TilePaint<'a> {
     layer: &'a [u8],
     /// Texels along a side of the finest mip, and all of it.

@@ -31,6 +31,8 @@ const GROUPS: [usize; 2] = [64, 8];
 const ALL: u32 = (1 << LANES) - 1;
 /// The slope of a point where no ground is.
 pub(super) const NO_SLOPE: f32 = f32::NEG_INFINITY;
+/// The row where no edge is.
+pub(super) const NO_ROW: f32 = f32::NEG_INFINITY;
 
 /// What is swept, and where to.
 pub(super) struct Tracer<'a, S> {
@@ -44,8 +46,9 @@ pub(super) struct Tracer<'a, S> {
     pub(super) focal_px: f32,
     /// The row on the line of sight, counted from the bottom of the turned picture.
     pub(super) sight_row: f32,
-    /// Rows of the sector.
+    /// Rows that are looked at.
     pub(super) rows: [f32; 2],
+    pub(super) finds_edges: bool,
     /// Steps that were sampled.
     pub(super) samples: u64,
 }
@@ -68,6 +71,24 @@ pub(super) struct State<S: Simd> {
     /// The first row that is not filled yet, or upside down the last that is.
     pub(super) next: S::Floats,
     pub(super) last: Points<S>,
+    pub(super) crest: Crest<S>,
+}
+
+/// The last crest of planes, to find edges of ground.
+#[derive(Clone, Copy)]
+pub(super) struct Crest<S: Simd> {
+    /// Where the last ground that is seen ends, and one over its depth there.
+    pub(super) row: S::Floats,
+    pub(super) seen: S::Floats,
+    /// Where an edge is that has been found, but no middle of a row above it yet.
+    pub(super) edge: S::Floats,
+}
+
+impl<S: Simd> Crest<S> {
+    pub(super) fn none(simd: S) -> Self {
+        let none = simd.floats(NO_ROW);
+        Self { row: none, seen: simd.floats(0.0), edge: none }
+    }
 }
 
 /// The same, plane by plane.
@@ -100,6 +121,7 @@ impl States {
                 rise: simd.load(&self.rise),
                 nearness: simd.load(&self.nearness),
             },
+            crest: Crest::none(simd),
         }
     }
 }
@@ -116,7 +138,8 @@ impl<'a, S: Simd> Tracer<'a, S> {
             per_slope: sector.per_slope().map(|of| of as f32),
             focal_px: scene.view.focal_px(),
             sight_row: sector.sight_row() as f32,
-            rows: sector.rows.map(|row| row as f32),
+            rows: block.rows,
+            finds_edges: fan.finds_edges,
             samples: 0,
         })
     }
@@ -136,7 +159,9 @@ impl<'a, S: Simd> Tracer<'a, S> {
             horizon: simd.load(&horizon),
             next: simd.floats(self.rows[0]),
             last: Points { slope: simd.floats(NO_SLOPE), rise: zero, nearness: zero },
+            crest: Crest::none(simd),
         };
+        strip.edges.clear(first);
         if let Some(begin) = self.fan.steps.first() {
             // How high the ground is there, by which its level is chosen, is not known before.
             state.last = self.points(begin, zero);
@@ -144,7 +169,13 @@ impl<'a, S: Simd> Tracer<'a, S> {
             state = self.begin(state, strip, first);
             self.sweep(&mut state, strip, first);
         }
-        strip.put_sky(simd, first, [state.next, self.skyline(&state)], self.rows);
+        let skyline = self.skyline(&state);
+        if self.finds_edges {
+            let is_within =
+                simd.less(simd.floats(self.rows[0]), state.next) & simd.less(state.next, simd.floats(self.rows[1]));
+            strip.put_edges(simd, first, [skyline, state.next], is_within);
+        }
+        strip.put_sky(simd, first, [state.next, skyline], self.rows);
     }
 
     /// The rows of the planes' horizons, within the picture or a pixel beyond it.

@@ -18,7 +18,6 @@ use std::time::Duration;
 use terravision_common::event::monotonic_nanos;
 use terravision_common::rig::PictureLayout;
 use terravision_common::run::TechniqueChoice;
-use terravision_common::technique::FoundDevice;
 
 /// Frames in flight for a device when `asked` for this many, 0 for as many as suit it. A device
 /// that is the processor itself gains nothing from a second frame, and then finishes both at the
@@ -72,17 +71,6 @@ impl DeviceEngine {
         Self::of_parts(options, source, Parts::whole(technique))
     }
 
-    /// The same engine, whose technique was chosen for this reason.
-    pub(super) fn because(mut self, reason: &'static str) -> Self {
-        self.options.reason = reason;
-        self
-    }
-
-    /// What kind of device it has.
-    pub(super) fn found(&self) -> FoundDevice {
-        if self.device.capabilities().kind > DeviceKind::Cpu { FoundDevice::Gpu } else { FoundDevice::Software }
-    }
-
     /// Likewise; several techniques share each picture and its depth.
     ///
     /// # Errors
@@ -126,7 +114,7 @@ impl DeviceEngine {
                 TechniqueChoice::Rays => {
                     Box::new(ComputeRays::new(&colors, &target, &world, has_overlay, [slot_count, most_draws])?)
                 }
-                TechniqueChoice::Mesh | TechniqueChoice::Auto => {
+                TechniqueChoice::Mesh => {
                     Box::new(MeshTechnique::new(&colors, &target, &world, has_overlay, slot_count)?)
                 }
             })
@@ -199,7 +187,7 @@ impl Engine for DeviceEngine {
             false => found.driver.clone(),
         };
         let technique = self.techniques.first().map_or("", |technique| technique.choice().name());
-        Described { technique, reason: self.options.reason, device: found.name.clone(), driver }
+        Described { technique, reason: self.options.reason.clone(), device: found.name.clone(), driver }
     }
 
     fn frames_in_flight(&self) -> usize {

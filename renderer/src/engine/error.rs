@@ -1,7 +1,7 @@
 //! Why a frame could not be drawn.
 
 use crate::frame::FrameError;
-use crate::gpu::{GpuError, Missing};
+use crate::gpu::GpuError;
 use crate::source::SourceError;
 use crate::technique::DrawError;
 use terravision_raycast::workers::WorkersError;
@@ -49,18 +49,6 @@ pub enum EngineError {
 }
 
 impl EngineError {
-    /// Whether it says that no Vulkan device of this machine can draw at all.
-    pub(super) fn is_without_device(&self) -> bool {
-        let Self::Draw { source: DrawError::Gpu { source } } = self else { return false };
-        match source {
-            GpuError::NoLoader { .. } | GpuError::NoDevice => true,
-            GpuError::Unsuitable { missing, .. } => {
-                !missing.iter().any(|lack| matches!(lack, Missing::PictureSize { .. }))
-            }
-            _ => false,
-        }
-    }
-
     /// Whether the device was lost: another one may do.
     #[must_use]
     pub fn is_device_lost(&self) -> bool {

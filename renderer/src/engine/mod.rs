@@ -24,7 +24,6 @@ use crate::source::{FrameSource, Pools};
 use std::fmt::Debug;
 use std::time::Duration;
 use terravision_common::run::TechniqueChoice;
-use terravision_common::technique::{Decision, FoundDevice};
 
 /// What draws.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -32,7 +31,7 @@ pub struct Described {
     /// The technique: `mesh` or `rays`.
     pub technique: &'static str,
     /// Why it draws, a clause.
-    pub reason: &'static str,
+    pub reason: String,
     /// The device.
     pub device: String,
     /// The device's driver, or how rays are cast.
@@ -81,9 +80,7 @@ pub trait Engine: Debug {
     }
 }
 
-/// The engine for frames of this source. What draws where the technique is left open is decided by
-/// [`Decision`]; but compressed tiles are made for a device, and rays on the processor cannot read
-/// them.
+/// The engine for frames of this source.
 ///
 /// # Errors
 /// No device, or it lacks something; or rays are asked for what they cannot do.
@@ -92,15 +89,5 @@ pub fn open(options: EngineOptions, source: &dyn FrameSource) -> Result<Box<dyn 
     if options.technique == TechniqueChoice::Rays && !options.is_compute() {
         return Ok(Box::new(RaysEngine::new(options, source)?));
     }
-    let may_cast = options.technique == TechniqueChoice::Auto && !source.shape().texels.is_compressed();
-    let device = match DeviceEngine::new(options.clone(), source) {
-        Err(error) if may_cast && error.is_without_device() => None,
-        opened => Some(opened?),
-    };
-    let found = device.as_ref().map_or(FoundDevice::Unusable, DeviceEngine::found);
-    let Decision { technique, reason } = Decision::new(options.technique, found);
-    match device.filter(|_| !may_cast || technique == TechniqueChoice::Mesh) {
-        Some(engine) => Ok(Box::new(engine.because(reason))),
-        None => Ok(Box::new(RaysEngine::new(EngineOptions { samples: 1, reason, ..options }, source)?)),
-    }
+    Ok(Box::new(DeviceEngine::new(options, source)?))
 }

@@ -10,7 +10,7 @@ pub struct EngineOptions {
     /// How the ground is drawn.
     pub technique: TechniqueChoice,
     /// Why that technique draws, a clause for people.
-    pub reason: &'static str,
+    pub reason: String,
     /// How rays are cast, when they are.
     pub rays: RaysChoice,
     /// Threads that cast rays.
@@ -88,7 +88,7 @@ impl Default for EngineOptions {
     fn default() -> Self {
         Self {
             technique: TechniqueChoice::Mesh,
-            reason: "asked for",
+            reason: "asked for".to_owned(),
             rays: RaysChoice::Mipmap,
             workers: 1,
             device: DeviceChoice::from_environment(),

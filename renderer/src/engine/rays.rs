@@ -16,6 +16,7 @@ use terravision_common::slot::ElevationTile;
 use terravision_raycast::Sampling;
 use terravision_raycast::model::world::ground_shape;
 use terravision_raycast::model::{Detail, Filter, Ground, GroundError, PoolShape, PoolTile};
+use terravision_raycast::workers::Workers;
 use terravision_raycast::{CastOptions, CastTask, Caster, Method, Picture, SweepDetail};
 
 /// Frames before both methods are tried on one: they take memory, and are slower than later ones.
@@ -40,8 +41,9 @@ pub struct RaysEngine {
     /// Heights alone, and with voxels.
     grounds: [Ground; 2],
     blocks: BlockReader,
-    /// Of each view of the frame, and those of frames before that had more.
-    pictures: Vec<Picture>,
+    /// The frame's, all of its views. Its colours are drawn where sinks read them, in memory of its
+    /// pixels.
+    picture: Picture,
     /// Of each tile of the ground its colours; empty between frames, kept for its memory.
     layers: Vec<&'static [u8]>,
     /// Of each tile the colour of its outline, where outlines are wanted.
@@ -154,7 +156,7 @@ impl RaysEngine {
             caster: Caster::new(options.workers)?,
             grounds: [heights, voxels],
             blocks: BlockReader::new(&world),
-            pictures: Vec::new(),
+            picture: Picture::empty(options.has_depth),
             layers: Vec::with_capacity(4096),
             outlines: Vec::with_capacity(4096),
             finished: None,
@@ -170,7 +172,7 @@ impl Engine for RaysEngine {
     fn describe(&self) -> Described {
         let workers = self.caster.workers().count();
         let device = format!("CPU, {workers} worker{}", if workers == 1 { "" } else { "s" });
-        let (technique, reason) = (TechniqueChoice::Rays.name(), self.options.reason);
+        let (technique, reason) = (TechniqueChoice::Rays.name(), self.options.reason.clone());
         Described { technique, reason, device, driver: self.choice.words() }
     }
 
@@ -193,8 +195,13 @@ impl Engine for RaysEngine {
     /// Draws a frame.
     fn submit(&mut self, frame: &Frame, pools: &mut dyn Pools, pixels: Pixels) -> Result<Submitted, EngineError> {
         let started_nanos = monotonic_nanos();
+        let mut raster = self.raster_of(pixels);
+        if self.options.pixels.host {
+            raster.lay_out(frame.layout());
+            self.picture.take_colors(std::mem::take(&mut raster.rgba));
+        }
         let prepared_nanos = self.cast(self.choice.method(), frame, pools)?;
-        let pixels = self.hand_over(frame, pixels);
+        let pixels = self.hand_over(frame, raster);
         self.finished = Some(InFlight::new(frame, self.costs, started_nanos, prepared_nanos).finish(pixels));
         let mut decided = None;
         if self.choice.is_trial_due(started_nanos, frame.end.unavailable_count == 0) {
@@ -255,12 +262,13 @@ impl RaysEngine {
             ..CastOptions::default()
         };
         self.costs = DrawCosts::default();
+        // Outlines, holes and soft edges are found by how far pixels are.
+        let has_depth = self.options.has_depth || self.options.has_tree_overlay;
+        let has_validity = self.blocks.world().has_validity();
+        self.picture.set_depth(has_depth || has_validity || options.sweep.has_soft_edges);
+        self.picture.set_size(frame.layout().size);
         for (index, view) in frame.views.iter().enumerate() {
-            match self.pictures.get_mut(index) {
-                Some(picture) if picture.size() == view.size() => {}
-                Some(picture) => *picture = Picture::new(view.size()),
-                None => self.pictures.push(Picture::new(view.size())),
-            }
+            self.picture.set_rectangle(view.at, view.size());
             // What the workers did for the ground is not this view's.
             self.caster.workers().take_busy();
             let heights = if frame.elevations.is_empty() { &[] } else { pools.elevation_pool() };
@@ -270,18 +278,12 @@ impl RaysEngine {
                 heights,
                 camera: &view.camera,
                 options: &options,
-                picture: &self.pictures[index],
+                picture: &self.picture,
             });
             if self.options.has_tree_overlay {
                 self.outlines.clear();
                 self.outlines.extend(frame.tiles.iter().map(outline_of));
-                self.caster.outline(
-                    ground,
-                    pools.elevation_pool(),
-                    &view.camera,
-                    &self.outlines,
-                    &self.pictures[index],
-                );
+                self.caster.outline(ground, pools.elevation_pool(), &view.camera, &self.outlines, &self.picture);
             }
             self.costs.push(DrawCost {
                 technique: TechniqueChoice::Rays,
@@ -347,50 +349,43 @@ impl RaysEngine {
         Ok(())
     }
 
-    /// Copies the pictures of a frame's views to where sinks read them.
-    fn hand_over(&self, frame: &Frame, pixels: Pixels) -> Pixels {
-        let mut raster = match pixels {
+    /// The plain memory of pixels.
+    fn raster_of(&self, pixels: Pixels) -> Raster {
+        match pixels {
             Pixels::Memory(raster) => raster,
             Pixels::Device(_) => Raster::new(self.options.has_depth),
-        };
-        if !self.options.pixels.host {
-            return Pixels::Memory(raster);
         }
-        raster.lay_out(frame.layout());
-        let size = raster.size();
-        for (view, picture) in frame.views.iter().zip(&self.pictures) {
-            self.place(picture, view.at, &mut raster.rgba, size, |(texel, _)| texel.to_le());
+    }
+
+    /// Gives the picture to sinks: its colours as they are, depth as they read it.
+    fn hand_over(&mut self, frame: &Frame, mut raster: Raster) -> Pixels {
+        if self.options.pixels.host {
+            raster.rgba = self.picture.give_colors();
+            let size = raster.size();
             if let Some(depths) = &mut raster.reversed_depth {
-                // NaN for the sky, which is infinitely far.
-                self.place(picture, view.at, depths, size, |(_, depth)| {
-                    if depth.is_nan() { 0.0 } else { NEAR_M as f32 / depth.max(f32::MIN_POSITIVE) }
-                });
+                for view in frame.views.iter() {
+                    self.picture.set_rectangle(view.at, view.size());
+                    place_depths(&self.picture, self.caster.workers(), view.at, depths, size);
+                }
             }
         }
         Pixels::Memory(raster)
     }
+}
 
-    /// Copies what `of` makes of a picture's pixels to its place in a plane of this size. The view
-    /// lies within it.
-    fn place<T: Send>(
-        &self,
-        picture: &Picture,
-        at: [u32; 2],
-        plane: &mut [T],
-        size: [u32; 2],
-        of: impl Fn((u32, f32)) -> T + Sync,
-    ) {
-        let [x, y] = at.map(|at| at as usize);
-        let ([width, height], row) = (picture.size().map(|side| side as usize), size[0] as usize);
-        let Some(plane) = plane.get_mut(y * row..(y + height) * row) else { return };
-        self.caster.workers().split(height, plane, &|rows| rows * row, &|rows, out| {
-            for (number, out) in rows.zip(out.chunks_exact_mut(row)) {
-                for (out, pixel) in out[x..x + width].iter_mut().zip(picture.rows(number..number + 1)) {
-                    *out = of(pixel);
-                }
+/// Writes the depths of a picture to its place in a plane of this size. It lies within it.
+fn place_depths(picture: &Picture, workers: &Workers, at: [u32; 2], plane: &mut [f32], size: [u32; 2]) {
+    let [x, y] = at.map(|at| at as usize);
+    let ([width, height], row) = (picture.size().map(|side| side as usize), size[0] as usize);
+    let Some(plane) = plane.get_mut(y * row..(y + height) * row) else { return };
+    workers.split(height, plane, &|rows| rows * row, &|rows, out| {
+        for (number, out) in rows.zip(out.chunks_exact_mut(row)) {
+            for (out, depth) in out[x..x + width].iter_mut().zip(picture.depths(number)) {
+                // NaN for the sky, which is infinitely far.
+                *out = if depth.is_nan() { 0.0 } else { NEAR_M as f32 / depth.max(f32::MIN_POSITIVE) };
             }
-        });
-    }
+        }
+    });
 }
 
 /// Whether all tiles of the elevation pool that a frame names are there: one that was filled again

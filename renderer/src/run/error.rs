@@ -65,7 +65,8 @@ impl RunError {
                     | EngineError::Draw {
                         source: DrawError::Frame { source: FrameError::Source { source: SourceError::Wait { source } } },
                     },
-            } => Some(source),
+            }
+            | Self::Sink { source: SinkError::Wait { source } } => Some(source),
             _ => None,
         }
     }

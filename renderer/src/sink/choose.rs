@@ -4,17 +4,39 @@ use super::{
     AllOf, AnaglyphSink, DepthSink, FrameSink, GroundSink, NullSink, PngFileSink, PngFolderSink, RepeatSink,
     SharedSink, SinkError, SplitViewsSink, StreamSink,
 };
+use std::sync::Arc;
 use terravision_common::run::{PlaneTarget, RunConfig, SinkConfig};
+use terravision_common::shm::{Control, RunId};
+use terravision_common::stage::StageRun;
 
 /// Most threads that write pictures into a folder.
 const MAX_WORKERS: usize = 4;
+
+/// What sinks are opened with.
+#[derive(Clone, Copy)]
+struct Given<'a> {
+    config: &'a RunConfig,
+    run: &'a RunId,
+    control: &'a Arc<Control>,
+    /// Easting and northing of the world's origin.
+    origin: [f64; 2],
+    /// Frames that were written by renderers before this one.
+    written: u64,
+}
 
 /// The sinks of a run, one for each worker. This many frames were written by renderers before this
 /// one.
 ///
 /// # Errors
-/// A file, a folder or a frame ring cannot be opened.
-pub fn sinks_of(config: &RunConfig, origin: [f64; 2], written: u64) -> Result<Vec<Box<dyn FrameSink>>, SinkError> {
+/// A file, a folder or a ring cannot be opened.
+pub fn sinks_of(
+    run: &StageRun,
+    control: &Arc<Control>,
+    origin: [f64; 2],
+    written: u64,
+) -> Result<Vec<Box<dyn FrameSink>>, SinkError> {
+    let config = run.config();
+    let given = Given { config, run: run.id(), control, origin, written };
     let render = &config.render;
     // Files may be written in any order. A stream and shared frames have one, and so have frames
     // that stand in for those before them.
@@ -26,13 +48,14 @@ pub fn sinks_of(config: &RunConfig, origin: [f64; 2], written: u64) -> Result<Ve
             SinkConfig::PngFile(_) | SinkConfig::Stream(_) => false,
         };
     let threads = std::thread::available_parallelism().map_or(1, usize::from).min(MAX_WORKERS);
-    (0..if is_in_any_order { threads } else { 1 }).map(|_worker| sink_of_worker(config, origin, written)).collect()
+    (0..if is_in_any_order { threads } else { 1 }).map(|_worker| sink_of_worker(given)).collect()
 }
 
 /// The sinks of one worker.
-fn sink_of_worker(config: &RunConfig, origin: [f64; 2], written: u64) -> Result<Box<dyn FrameSink>, SinkError> {
+fn sink_of_worker(given: Given<'_>) -> Result<Box<dyn FrameSink>, SinkError> {
+    let Given { config, origin, .. } = given;
     let render = &config.render;
-    let picture = picture_sink(&render.sink, config, written)?;
+    let picture = picture_sink(&render.sink, given)?;
     let picture = if render.anaglyph { Box::new(AnaglyphSink::new(picture)) } else { picture };
     if render.depth.is_empty() && render.ground.is_empty() && render.share.is_none() {
         return Ok(picture);
@@ -58,17 +81,18 @@ fn sink_of_worker(config: &RunConfig, origin: [f64; 2], written: u64) -> Result<
 }
 
 /// The sink of pictures.
-fn picture_sink(sink: &SinkConfig, config: &RunConfig, written: u64) -> Result<Box<dyn FrameSink>, SinkError> {
+fn picture_sink(sink: &SinkConfig, given: Given<'_>) -> Result<Box<dyn FrameSink>, SinkError> {
+    let Given { config, run, control, written, .. } = given;
     let made: Box<dyn FrameSink> = match sink {
         SinkConfig::PngFolder(folder) => Box::new(PngFolderSink::new(folder)?),
         SinkConfig::PngFile(path) => Box::new(PngFileSink::new(path)),
         // What is left out of a stream the launcher makes up for.
         SinkConfig::Stream(encoding) => {
-            return Ok(Box::new(StreamSink::stdout(*encoding, config.output_size())?));
+            return Ok(Box::new(StreamSink::open(run, control, *encoding, config.output_size())?));
         }
         SinkConfig::Null => Box::new(NullSink),
         SinkConfig::EachView(sinks) => {
-            let sinks = sinks.iter().map(|sink| picture_sink(sink, config, written)).collect::<Result<_, _>>()?;
+            let sinks = sinks.iter().map(|sink| picture_sink(sink, given)).collect::<Result<_, _>>()?;
             return Ok(split_views(config, sinks).unwrap_or_else(|| Box::new(NullSink)));
         }
     };

@@ -31,6 +31,7 @@ use std::path::PathBuf;
 use terravision_common::camera::Camera;
 use terravision_common::ids::FrameNumber;
 use terravision_common::rig::Views;
+use terravision_common::shm::WaitError;
 
 /// One finished picture.
 #[derive(Debug, Clone, Copy)]
@@ -152,6 +153,21 @@ pub enum SinkError {
         /// Why.
         #[from]
         source: terravision_common::shm::ShmError,
+    },
+    /// Frames of the stream ring have another size.
+    #[error("the stream ring has frames of {found} bytes, expected {expected}")]
+    RingSize {
+        /// What the ring has.
+        found: u64,
+        /// What a frame takes.
+        expected: u64,
+    },
+    /// The run ended while the launcher was waited for.
+    #[error(transparent)]
+    Wait {
+        /// How.
+        #[from]
+        source: WaitError,
     },
     /// A thread of the sink ended without an error.
     #[error("a thread that writes pictures has ended unexpectedly")]

@@ -5,6 +5,8 @@
 //! program runs ([`Instructions`]).
 
 use std::num::Wrapping;
+#[cfg(doc)]
+use terravision_common::film::FrameEncoding;
 use terravision_common::film::{Matrix, Y4M_FRAME, even};
 use terravision_common::simd::{Instructions, Simd, Work};
 
@@ -207,10 +209,9 @@ impl Work for TwoRows<'_> {
     }
 }
 
-/// One frame of Y4M from RGBA, into `out`.
-pub(super) fn y4m_frame(instructions: Instructions, size: [u32; 2], rgba: &[u8], out: &mut Vec<u8>) {
+/// One frame of Y4M from RGBA, into `out`, which has its length ([`FrameEncoding::frame_bytes`]).
+pub(super) fn y4m_frame(instructions: Instructions, size: [u32; 2], rgba: &[u8], out: &mut [u8]) {
     let count = rgba.len() / 4;
-    out.resize(Y4M_FRAME.len() + 3 * count, 0);
     let (head, planes) = out.split_at_mut(Y4M_FRAME.len());
     head.copy_from_slice(Y4M_FRAME);
     let (y, chroma) = planes.split_at_mut(count);
@@ -218,11 +219,10 @@ pub(super) fn y4m_frame(instructions: Instructions, size: [u32; 2], rgba: &[u8],
     instructions.run(Full { factors: Factors::of(Matrix::for_size(size)), rgba, y, cb, cr });
 }
 
-/// The planes of a frame of a film, Y, Cb and Cr, from RGBA, into `out`: BT.709, sides even, a last
-/// column or row repeated.
-pub(super) fn planar_420(instructions: Instructions, size: [u32; 2], rgba: &[u8], out: &mut Vec<u8>) {
+/// The planes of a frame of a film, Y, Cb and Cr, from RGBA, into `out`, which has their length
+/// ([`FrameEncoding::frame_bytes`]): BT.709, sides even, a last column or row repeated.
+pub(super) fn planar_420(instructions: Instructions, size: [u32; 2], rgba: &[u8], out: &mut [u8]) {
     let [width, height] = even(size).map(|side| side as usize);
-    out.resize(width * height * 3 / 2, 0);
     let (y, chroma) = out.split_at_mut(width * height);
     let (cb, cr) = chroma.split_at_mut(width * height / 4);
     let factors = Factors::of(Matrix::Bt709);
@@ -295,7 +295,7 @@ mod tests {
             let expected = [expected_y4m(size, &pixels), expected_420(size, &pixels)];
             for instructions in Instructions::all() {
                 // Whatever was in it before.
-                let [mut y4m, mut film] = [vec![7; 5], vec![9; 100_000]];
+                let [mut y4m, mut film] = expected.each_ref().map(|expected| vec![7; expected.len()]);
                 y4m_frame(instructions, size, pixels.as_flattened(), &mut y4m);
                 planar_420(instructions, size, pixels.as_flattened(), &mut film);
                 prop_assert!(y4m == expected[0], "4:4:4 by {}", instructions.name());
@@ -308,9 +308,9 @@ mod tests {
     fn colours_have_the_values_of_the_standards() {
         let [small, large] = [[320, 180], [1280, 720]];
         let planes = |size: [u32; 2], [r, g, b]: [u8; 3]| -> [u8; 3] {
-            let mut out = Vec::new();
+            let mut out = [0; 9];
             y4m_frame(Instructions::widest(), size, &[r, g, b, 255], &mut out);
-            assert!(out.starts_with(b"FRAME\n") && out.len() == 9);
+            assert!(out.starts_with(b"FRAME\n"));
             [out[6], out[7], out[8]]
         };
         for size in [small, large] {
@@ -326,7 +326,7 @@ mod tests {
 
     #[test]
     fn what_pixels_share_in_a_film_is_their_mean() {
-        let mut out = Vec::new();
+        let mut out = [0; 12];
         // Two columns of blue above one of black and one of white, and an odd one of red.
         let [blue, red] = [[0, 0, 255, 255], [255, 0, 0, 255]];
         let rgba = [blue, blue, red, [0, 0, 0, 255], [255; 4], red];

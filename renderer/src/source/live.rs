@@ -46,8 +46,8 @@ impl LiveSource {
         frames: [u64; 2],
     ) -> Result<Self, SourceError> {
         let expected = world.elevation_values() as u64;
-        if u64::from(elevation.array_f32()) < expected {
-            return Err(SourceError::ElevationArraySize { found: elevation.array_f32().into(), expected });
+        if elevation.array_len() < expected {
+            return Err(SourceError::ElevationArraySize { found: elevation.array_len(), expected });
         }
         let tile_bytes = texels.tile_bytes(world.color_stored());
         if colors.slot_bytes() < tile_bytes {

@@ -4,10 +4,10 @@
 use crate::camera::Camera;
 use crate::database::{Layer, Tile};
 use crate::ids::{RingPosition, Sequence, SlotIndex, SlotKey};
+use crate::shm::array_ring::{ElevationReader, ElevationWriter};
 use crate::shm::control::{Control, Counter};
 use crate::shm::control_words::ControlWords;
 use crate::shm::cursor::Positions;
-use crate::shm::elevation_ring::{ElevationReader, ElevationWriter};
 use crate::shm::geometry::{Geometry, WORDS_OFFSET, half_bytes};
 use crate::shm::header::{NotUsable, Segment};
 use crate::shm::kind::{SegmentKind, Stage};

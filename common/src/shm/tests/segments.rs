@@ -54,7 +54,10 @@ fn a_run_has_its_segments_for_as_long_as_the_launcher_holds_them() {
     assert_eq!(TreeWriter::open(&run).unwrap().capacity(), layout.tree_nodes);
     TreeReader::open(&run).unwrap();
     let elevation = ElevationReader::open(&run).unwrap();
-    assert_eq!((elevation.capacity(), elevation.array_f32()), (layout.elevation_arrays, layout.elevation_array_f32));
+    assert_eq!(
+        (elevation.capacity(), elevation.array_len()),
+        (layout.elevation_arrays, layout.elevation_array_f32.into())
+    );
     assert_eq!(elevation.memory().as_ptr().addr() % 4096, 0);
     assert_eq!(elevation.memory().len() % 4096, 0);
     assert_eq!((elevation.data_offset() % 4096, elevation.stride_bytes() % 64), (0, 0));

@@ -45,12 +45,13 @@ export class MapFrame {
  * pixels at most.
  */
 export function cameraAbove(region: Region, world: World, worldSide: number, exaggeration: number): { pose: Pose; metres: number } {
-  const middle = world.heights === null ? 0 : ((world.heights[0] + world.heights[1]) / 2) * exaggeration;
+  // What is below this height stands aside to the middle, and leaves a strip of sky at the world's rim: most ground is above.
+  const plane = world.heights === null ? 0 : (0.9 * world.heights[0] + 0.1 * world.heights[1]) * exaggeration;
   const above = 1.8 * worldSide;
   // Fields of view below a degree are refused.
   const side = Math.max(region.side, above * 2 * Math.tan(Math.PI / 360) * 1.001);
   const vfov = (2 * Math.atan(side / 2 / above) * 180) / Math.PI;
-  return { pose: { x: region.x, y: region.y, z: middle + above, heading: 0, pitch: -90, roll: 0, vfov }, metres: side };
+  return { pose: { x: region.x, y: region.y, z: plane + above, heading: 0, pitch: -90, roll: 0, vfov }, metres: side };
 }
 
 /** Where the corners of the picture meet a level plane, as far as `farthest`. */

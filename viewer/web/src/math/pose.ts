@@ -1,4 +1,4 @@
-import { degrees, dot, radians, sub, wrap, type Vec3 } from './vector';
+import { dot, radians, sub, wrap, type Vec3 } from './vector';
 
 /**
  * Where the camera is and what it looks at: easting, northing and height in metres, angles in degrees.
@@ -52,10 +52,6 @@ export function axesOf(pose: Pose): Axes {
 /** The focal length, in the unit of the picture's size. */
 export const focalOf = (pose: Pose, size: Size): number => size.height / 2 / Math.tan(radians(pose.vfov) / 2);
 
-/** The horizontal field of view, degrees. */
-export const hfovOf = (pose: Pose, size: Size): number =>
-  2 * degrees(Math.atan((size.width / size.height) * Math.tan(radians(pose.vfov) / 2)));
-
 /** The direction that a point of the picture shows; its part along the view axis is 1, so that a multiple is a depth. */
 export function rayThrough(pose: Pose, size: Size, point: Point): Vec3 {
   const { forward, right, up } = axesOf(pose);
@@ -95,5 +91,5 @@ export function isPose(value: unknown): value is Pose {
 export const samePose = (a: Pose, b: Pose): boolean =>
   a.x === b.x && a.y === b.y && a.z === b.z && a.heading === b.heading && a.pitch === b.pitch && a.roll === b.roll && a.vfov === b.vfov;
 
-/** The same pose with angles as people write them. */
-export const tidy = (pose: Pose): Pose => ({ ...pose, heading: wrap(pose.heading) });
+/** The same pose with its heading as people write it, and without what else its object may have. */
+export const tidy = ({ x, y, z, heading, pitch, roll, vfov }: Pose): Pose => ({ x, y, z, heading: wrap(heading), pitch, roll, vfov });

@@ -21,6 +21,10 @@ const KEPT = 120;
 /** Poses that are remembered until their picture comes. */
 const OPEN_POSES = 600;
 
+/** Intervals that are kept, and the longest that counts as one. */
+export const INTERVALS = 200;
+const LONGEST_INTERVAL_MS = 1000;
+
 const quantile = (values: number[], q: number): number => {
   const sorted = [...values].sort((a, b) => a - b);
   return sorted[Math.min(sorted.length - 1, Math.floor(q * sorted.length))] ?? 0;
@@ -30,6 +34,9 @@ const quantile = (values: number[], q: number): number => {
 export class Latency {
   private readonly sent = new Map<number, number>();
   private samples: Sample[] = [];
+  private before: number | undefined;
+  /** Milliseconds from picture to picture while pictures come, oldest first. */
+  readonly intervals: number[] = [];
 
   poseSent(id: number, inputAt: number): void {
     this.sent.set(id, inputAt);
@@ -37,6 +44,10 @@ export class Latency {
   }
 
   pictureShown(header: PictureHeader, now: number): void {
+    // A rest is not a slow picture.
+    if (this.before !== undefined && now - this.before < LONGEST_INTERVAL_MS) this.intervals.push(now - this.before);
+    if (this.intervals.length > INTERVALS) this.intervals.shift();
+    this.before = now;
     const inputAt = this.sent.get(header.poseId);
     if (inputAt === undefined) return;
     // A later picture of the same pose is a finer one, no answer to the input.
@@ -64,10 +75,5 @@ export class Latency {
       encodeMs: median((s) => s.encode),
       restMs: median((s) => s.total - s.draw - s.encode),
     };
-  }
-
-  /** Milliseconds of the last pictures, oldest first. */
-  totals(): number[] {
-    return this.samples.map((sample) => sample.total);
   }
 }

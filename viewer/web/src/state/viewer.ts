@@ -9,7 +9,8 @@ import { Latency } from './latency';
 import { EMPTY, isPilot, type State } from './state';
 import { Store } from './store';
 
-const PICK_PATIENCE_MS = 400;
+const PICK_PATIENCE_MS = 1500;
+const POSE_EVERY_MS = 8;
 const GROUND_EVERY_MS = 200;
 const PANEL_EVERY_MS = 100;
 
@@ -38,6 +39,8 @@ export class Viewer {
   private token: string;
   private lastId = 0;
   private lastSent: Pose | undefined;
+  private sentAt = 0;
+  private poseTimer: number | undefined;
   private readonly picks = new Map<number, (hit: Hit | null) => void>();
   private nextPick = 1;
   private groundAskedAt = 0;
@@ -108,7 +111,7 @@ export class Viewer {
     const next = tidy(aboveGround(pose, groundBelow));
     if (this.pose !== undefined && samePose(next, this.pose)) return true;
     this.pose = next;
-    this.sendPose(inputAt);
+    this.sendSoon(inputAt);
     this.moved();
     return true;
   }
@@ -119,10 +122,6 @@ export class Viewer {
 
   takeOver(): void {
     this.connection.send({ type: 'take-over' });
-  }
-
-  release(): void {
-    this.connection.send({ type: 'release' });
   }
 
   resized(): void {
@@ -180,7 +179,7 @@ export class Viewer {
     const shown = this.picture?.shown;
     const { link, flight } = this.store.get();
     if (shown === undefined || link.kind !== 'open' || flight !== 'flying') return false;
-    const isOfNow = !this.isPilot || this.lastSent === undefined || shown.poseId === this.lastId;
+    const isOfNow = !this.isPilot || this.lastSent === undefined || (shown.poseId === this.lastId && this.poseTimer === undefined);
     return isOfNow && shown.isExact;
   }
 
@@ -206,13 +205,29 @@ export class Viewer {
     };
   }
 
-  private sendPose(inputAt: number): void {
+  /** Sends the camera of now, or of a moment later: displays and mice are faster than what the server takes. */
+  private sendSoon(inputAt: number): void {
+    if (this.poseTimer !== undefined) return;
+    const wait = this.sentAt + POSE_EVERY_MS - performance.now();
+    if (wait <= 0) {
+      this.sendPose(inputAt);
+      return;
+    }
+    this.poseTimer = window.setTimeout(() => {
+      this.poseTimer = undefined;
+      if (this.isPilot) this.sendPose(inputAt);
+    }, wait);
+  }
+
+  /** Sends the camera of now; without an input its picture is no answer whose time counts. */
+  private sendPose(inputAt?: number): void {
     const pose = this.pose!;
     const id = this.lastId + 1;
     if (!this.connection.send({ type: 'pose', id, ...pose })) return;
     this.lastId = id;
     this.lastSent = pose;
-    this.latency.poseSent(id, inputAt);
+    this.sentAt = performance.now();
+    if (inputAt !== undefined) this.latency.poseSent(id, inputAt);
   }
 
   private receive(message: ServerMessage): void {
@@ -271,11 +286,13 @@ export class Viewer {
   private takeState(state: StateMessage, isWelcome: boolean): void {
     const wasPilot = this.isPilot;
     const { flight, reason, settings, pilot, people } = state;
+    // A flight that is started again is told as that, and does not count as a slow answer.
+    if (flight !== 'flying') this.latency.clear();
     this.store.set({ flight, flightReason: reason, settings, pilot, people });
     if (!this.isPilot || (wasPilot && !isWelcome)) return;
     // After a reconnection the camera is where this page has it; one that takes over goes on where the other one was.
     if (!isWelcome) this.pose = this.picture?.shown?.pose ?? this.pose;
-    if (this.pose !== undefined) this.sendPose(performance.now());
+    if (this.pose !== undefined) this.sendPose();
     this.moved();
   }
 
@@ -298,7 +315,8 @@ export class Viewer {
     this.latency.pictureShown(header, performance.now());
     const isMine = this.isPilot && header.poseId !== 0;
     // Another one's camera; or this one's, where the flight lifted it out of the ground.
-    if (!this.isPilot || (isMine && header.poseId === this.lastId && !samePose(header.pose, this.pose!))) this.pose = header.pose;
+    const isOfNow = isMine && header.poseId === this.lastId && this.poseTimer === undefined;
+    if (!this.isPilot || (isOfNow && !samePose(header.pose, this.pose!))) this.pose = header.pose;
     this.store.set({ shown: header });
     this.moved();
     for (const listener of [...this.onPicture]) listener(header);

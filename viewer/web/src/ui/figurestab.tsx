@@ -1,5 +1,6 @@
 import { useEffect, useRef } from 'preact/hooks';
 import type { App } from '../app';
+import { INTERVALS } from '../state/latency';
 import { useStore } from '../state/store';
 import { Figure } from './controls';
 import { bytes, milliseconds, number } from './format';
@@ -31,7 +32,8 @@ export function FiguresTab({ app }: { app: App }) {
         <dl class="figures">
           <Figure name="Drawn">{figures === undefined ? '…' : `${figures.fps.toFixed(1)} /s`}</Figure>
           <Figure name="Received">{figures === undefined ? '…' : `${figures.sent_fps.toFixed(1)} /s, ${bytes(figures.bytes_per_s)}/s`}</Figure>
-          <Figure name="Latency">{latency === undefined ? '…' : `${milliseconds(latency.medianMs)}, 95 % below ${milliseconds(latency.p95Ms)}`}</Figure>
+          <Figure name="Latency">{latency === undefined ? '…' : milliseconds(latency.medianMs)}</Figure>
+          <Figure name="· 95 % below">{latency === undefined ? '…' : milliseconds(latency.p95Ms)}</Figure>
           <Figure name="· drawing">{latency === undefined ? '…' : milliseconds(latency.drawMs)}</Figure>
           <Figure name="· encoding">{latency === undefined ? '…' : milliseconds(latency.encodeMs)}</Figure>
           <Figure name="· link, decoding">{latency === undefined ? '…' : milliseconds(latency.restMs)}</Figure>
@@ -66,17 +68,8 @@ function memoryOf(flight: Record<string, number>): string | undefined {
 function FrameTimes({ app }: { app: App }) {
   const canvas = useRef<HTMLCanvasElement>(null);
   useEffect(() => {
-    const intervals: number[] = [];
-    let before: number | undefined;
-    const draw = () => paint(canvas.current, intervals, app.viewer.store.get().settings?.fps ?? undefined);
-    const end = app.viewer.watchPictures(() => {
-      const now = performance.now();
-      // A rest is not a slow picture.
-      if (before !== undefined && now - before < 1000) intervals.push(now - before);
-      if (intervals.length > 200) intervals.shift();
-      before = now;
-      requestAnimationFrame(draw);
-    });
+    const draw = () => paint(canvas.current, app.viewer.latency.intervals, app.viewer.store.get().settings?.fps ?? undefined);
+    const end = app.viewer.watchPictures(() => requestAnimationFrame(draw));
     draw();
     return end;
   }, [app]);
@@ -101,7 +94,7 @@ function paint(canvas: HTMLCanvasElement | null, intervals: readonly number[], f
     context.fillStyle = '#9fb0c0';
     context.fillText(`${ms} ms`, width - 42, yOf(ms) + (ms === 100 ? 8 : 3));
   }
-  const bar = (width - 50) / 200;
+  const bar = (width - 50) / INTERVALS;
   intervals.forEach((ms, i) => {
     const x = width - 50 - (intervals.length - i) * bar;
     context.fillStyle = ms > 66 ? '#f0b54a' : '#5fb3f0';

@@ -101,7 +101,9 @@ interface ProfileProps {
 
 function Profile({ profile, marked, mark }: ProfileProps) {
   const drawing = useRef<SVGSVGElement>(null);
-  const chart = chartOf(profile, 560, 150);
+  // As wide as it is shown, so that its text is as large as other text.
+  const isNarrow = window.innerWidth <= 640;
+  const chart = chartOf(profile, isNarrow ? 366 : 560, isNarrow ? 140 : 150);
   if (chart === undefined) return <p class="hint">There is no ground along this line.</p>;
   const last = profile[profile.length - 1]!;
   const at = marked === undefined ? undefined : profile[marked];

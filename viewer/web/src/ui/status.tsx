@@ -1,4 +1,5 @@
 import type { App } from '../app';
+import { samePose } from '../math/pose';
 import { isPilot, type State } from '../state/state';
 import { useStore } from '../state/store';
 import { Button } from './controls';
@@ -21,14 +22,16 @@ function conditionOf(state: State): Condition {
   if (flight === 'restarting') return { kind: 'busy', text: 'Starting the flight again …', detail: flightReason ?? '' };
   if (shown === undefined) return { kind: 'busy', text: 'Waiting for the first picture …' };
   if (!state.isOverWorld) return { kind: 'busy', text: 'Beside the world', detail: 'There are no data under the camera. R flies back to the start.' };
-  return { kind: 'good', text: shown.isExact ? 'Exact' : shown.isAtRest ? 'At rest' : 'Live' };
+  const isOfNow = state.pose === undefined || samePose(shown.pose, state.pose);
+  return { kind: 'good', text: !isOfNow ? 'Live' : shown.isExact ? 'Exact' : shown.isAtRest ? 'At rest' : 'Live' };
 }
 
 export function Status({ app }: { app: App }) {
   const state = useStore(app.viewer.store, (value) => value);
   const condition = conditionOf(state);
   const { figures, latency } = state;
-  const isLive = condition.kind === 'good';
+  // Rates and latency are those of a moving camera.
+  const isLive = condition.text === 'Live';
   return (
     <div class={`status ${condition.kind}`}>
       <span class="lamp" aria-hidden="true" />
@@ -66,7 +69,7 @@ export function People({ app }: { app: App }) {
   const name = people.find((person) => person.id === pilot)?.name;
   return (
     <span class="people">
-      <span>{pilot === null ? 'Nobody flies' : `${name ?? 'Another one'} flies`}</span>
+      <span>{pilot === null ? 'Nobody flies' : `${name || 'Another one'} flies`}</span>
       <Button isPrimary click={() => app.viewer.takeOver()}>
         Take over
       </Button>

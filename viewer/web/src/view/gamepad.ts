@@ -1,5 +1,6 @@
 import { flyAlongAxis, fly, look, speedAt } from '../math/navigate';
 import type { Pose } from '../math/pose';
+import { isPilot } from '../state/state';
 import type { Viewer } from '../state/viewer';
 import type { Motion } from './motion';
 
@@ -17,14 +18,26 @@ const bent = (value: number | undefined): number => {
 
 /** A gamepad of the standard layout: left stick flies, right stick looks, triggers sink and climb, A is faster. */
 export class GamepadHands {
+  private wasFlying = false;
+
   constructor(
     private readonly viewer: Viewer,
     private readonly motion: Motion,
   ) {
     window.addEventListener('gamepadconnected', () => {
       this.viewer.note('info', 'Gamepad: left stick flies, right stick looks, triggers sink and climb, A is faster');
-      this.motion.hold('gamepad', (pose, seconds) => this.step(pose, seconds));
+      this.listen();
     });
+    // One that watches moves nothing, so its gamepad is let go; it counts again when this page is the pilot.
+    viewer.store.subscribe(() => {
+      const isFlying = isPilot(viewer.store.get());
+      if (isFlying && !this.wasFlying && navigator.getGamepads().some((pad) => pad?.connected)) this.listen();
+      this.wasFlying = isFlying;
+    });
+  }
+
+  private listen(): void {
+    this.motion.hold('gamepad', (pose, seconds) => this.step(pose, seconds));
   }
 
   private step(pose: Pose, seconds: number): Pose {

@@ -39,10 +39,6 @@ export class Motion {
     planned?.ended?.();
   }
 
-  get isPlaying(): boolean {
-    return this.planned !== undefined;
-  }
-
   hold(name: string, step: Step): void {
     this.held.set(name, step);
     this.wake();

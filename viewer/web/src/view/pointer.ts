@@ -111,7 +111,7 @@ export class Pointer {
 
   private up(event: PointerEvent): void {
     if (event.pointerType === 'touch') {
-      const tap = this.touches.up(event.pointerId, event.timeStamp);
+      const tap = this.touches.up(event.pointerId);
       if (event.type === 'pointerup') this.tapped(tap);
       return;
     }

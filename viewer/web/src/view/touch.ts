@@ -44,7 +44,7 @@ export class Touches {
   }
 
   /** Returns the tap that a finger made, if it was one. */
-  up(id: number, _time: number): { point: Point; isDouble: boolean } | undefined {
+  up(id: number): { point: Point; isDouble: boolean } | undefined {
     const finger = this.fingers.get(id);
     this.fingers.delete(id);
     this.beginAnew();

@@ -1,67 +1,96 @@
-//! The elevation ring: arrays of vertex heights from the preparer to the renderer, written in place
-//! and read in place by the device. First in, first out; the renderer gives back everything below a
-//! position when its frame is drawn.
+//! Rings of arrays, written in place and read in place. First in, first out; the reader gives back
+//! everything below a position.
+//!
+//! * The elevation ring: heights of vertices, from the preparer to the renderer and its device, which
+//!   gives them back when their frame is drawn.
+//! * The stream ring: frames of a film or of Y4M, from the renderer to the launcher, which gives them
+//!   back when they are passed on.
 
 use super::control::Control;
 use super::cursor::{Positions, ReadCursor, WriteCursor};
 use super::error::{ShmError, WaitError};
 use super::header::{Role, RoleClaim, Segment};
-use super::kind::{SegmentKind, Stage};
+use super::kind::SegmentKind;
 use super::run_id::RunId;
 use super::segments::{SegmentMemory, open_segment};
 use crate::ids::RingPosition;
+use bytemuck::Pod;
+use std::marker::PhantomData;
 use std::ops::{Deref, DerefMut};
 use std::sync::Arc;
 
-fn array_len(segment: &Segment) -> Result<u32, ShmError> {
-    let geometry = segment.geometry();
-    if geometry.kind != SegmentKind::ElevationRing {
-        return Err(ShmError::WrongKind { name: geometry.kind.name().to_owned(), kind: geometry.kind });
-    }
-    match u32::try_from(geometry.item_bytes / 4) {
-        Ok(len) if len > 0 && geometry.item_bytes.is_multiple_of(4) => Ok(len),
-        _ => {
-            let found = geometry.item_bytes;
-            Err(ShmError::corrupt(SegmentKind::ElevationRing, "the size of an array", found, "a number of f32"))
-        }
-    }
+/// What arrays are made of, which tells the ring that they are in.
+pub trait ArrayItem: Pod {
+    /// The ring.
+    const KIND: SegmentKind;
 }
 
-/// The preparer's end.
+impl ArrayItem for f32 {
+    const KIND: SegmentKind = SegmentKind::ElevationRing;
+}
+
+impl ArrayItem for u8 {
+    const KIND: SegmentKind = SegmentKind::StreamRing;
+}
+
+/// The preparer's end of the elevation ring.
+pub type ElevationWriter = ArrayWriter<f32>;
+/// The renderer's end of the elevation ring.
+pub type ElevationReader = ArrayReader<f32>;
+/// The renderer's end of the stream ring.
+pub type StreamWriter = ArrayWriter<u8>;
+/// The launcher's end of the stream ring.
+pub type StreamReader = ArrayReader<u8>;
+
+/// Items of an array.
+fn array_len<T: ArrayItem>(segment: &Segment) -> Result<u64, ShmError> {
+    let geometry = segment.geometry();
+    if geometry.kind != T::KIND {
+        return Err(ShmError::WrongKind { name: geometry.kind.name().to_owned(), kind: geometry.kind });
+    }
+    let (found, item) = (geometry.item_bytes, size_of::<T>() as u64);
+    if found == 0 || !found.is_multiple_of(item) || found / item > u64::from(u32::MAX) {
+        return Err(ShmError::corrupt(T::KIND, "the size of an array", found, "a number of its items"));
+    }
+    Ok(found / item)
+}
+
+/// The writing end.
 #[derive(Debug)]
-pub struct ElevationWriter {
+pub struct ArrayWriter<T> {
     segment: Arc<Segment>,
     cursor: WriteCursor,
-    len: u32,
+    len: u64,
+    item: PhantomData<fn(T) -> T>,
     _claim: RoleClaim,
 }
 
-impl ElevationWriter {
+impl<T: ArrayItem> ArrayWriter<T> {
     /// Opens the writing end; waits a short time for the segment to become ready.
     ///
     /// # Errors
     /// See [`ShmError`].
     pub fn open(run: &RunId) -> Result<Self, ShmError> {
-        Self::attach(&open_segment(run, SegmentKind::ElevationRing)?)
+        Self::attach(&open_segment(run, T::KIND)?)
     }
 
     pub(crate) fn attach(segment: &Arc<Segment>) -> Result<Self, ShmError> {
-        let len = array_len(segment)?;
+        let len = array_len::<T>(segment)?;
         let claim = RoleClaim::take(segment, Role::Writer)?;
-        let cursor = WriteCursor::attach(segment.words(), SegmentKind::ElevationRing, segment.geometry().capacity)?;
-        Ok(Self { segment: Arc::clone(segment), cursor, len, _claim: claim })
+        let cursor = WriteCursor::attach(segment.words(), T::KIND, segment.geometry().capacity)?;
+        Ok(Self { segment: Arc::clone(segment), cursor, len, item: PhantomData, _claim: claim })
     }
 
-    /// Number of arrays. A frame must not use more: the renderer releases them only after the
-    /// frame's end marker, so that a wait for another one would never end.
+    /// Number of arrays. A frame must not use more of the elevation ring: the renderer releases them
+    /// only after the frame's end marker, so that a wait for another one would never end.
     #[must_use]
     pub fn capacity(&self) -> u32 {
         self.segment.geometry().capacity as u32
     }
 
-    /// Numbers in an array.
+    /// Items of an array.
     #[must_use]
-    pub fn array_f32(&self) -> u32 {
+    pub fn array_len(&self) -> u64 {
         self.len
     }
 
@@ -71,7 +100,7 @@ impl ElevationWriter {
         self.cursor.position()
     }
 
-    /// Whether [`ElevationWriter::begin`] returns at once.
+    /// Whether [`ArrayWriter::begin`] returns at once.
     ///
     /// # Errors
     /// [`ShmError::Corrupt`] when the reader's position is not valid.
@@ -79,29 +108,28 @@ impl ElevationWriter {
         Ok(self.cursor.room(self.segment.words(), 1)? > 0)
     }
 
-    /// Waits for a free array. It becomes the renderer's with [`ArrayGuard::publish`].
+    /// Waits for a free array. It becomes the reader's with [`ArrayGuard::publish`].
     ///
     /// # Errors
     /// The run ended, or the reader wrote an invalid value.
-    pub fn begin(&mut self, control: &Control) -> Result<ArrayGuard<'_>, WaitError> {
+    pub fn begin(&mut self, control: &Control) -> Result<ArrayGuard<'_, T>, WaitError> {
         let cursor = &mut self.cursor;
         let positions: &Positions = self.segment.words();
-        control.wait_for(positions.writable(), Some(Stage::Renderer), || {
-            Ok((cursor.room(positions, 1)? > 0).then_some(()))
-        })?;
+        control
+            .wait_for(positions.writable(), T::KIND.reader(), || Ok((cursor.room(positions, 1)? > 0).then_some(())))?;
         Ok(ArrayGuard { writer: self })
     }
 }
 
-/// An array that is being filled; derefs to its numbers. If dropped without
+/// An array that is being filled; derefs to its items. If dropped without
 /// [`ArrayGuard::publish`], nothing happens: the next one has the same position.
 #[derive(Debug)]
 #[must_use]
-pub struct ArrayGuard<'a> {
-    writer: &'a mut ElevationWriter,
+pub struct ArrayGuard<'a, T> {
+    writer: &'a mut ArrayWriter<T>,
 }
 
-impl ArrayGuard<'_> {
+impl<T: ArrayItem> ArrayGuard<'_, T> {
     fn offset(&self) -> u64 {
         let mask = self.writer.segment.geometry().capacity - 1;
         self.writer.segment.item_offset(self.writer.cursor.position() & mask)
@@ -113,14 +141,14 @@ impl ArrayGuard<'_> {
         self.writer.cursor.position()
     }
 
-    /// The numbers, rows from the south, with whatever an earlier array left there.
-    pub fn values_mut(&mut self) -> &mut [f32] {
+    /// The items, of heights rows from the south, with whatever an earlier array left there.
+    pub fn values_mut(&mut self) -> &mut [T] {
         // SAFETY: the array is ours: `begin` found it given back, and it is not published. The
         // slice borrows `self`.
-        unsafe { self.writer.segment.region().slice_mut(self.offset(), self.writer.len.into()) }
+        unsafe { self.writer.segment.region().slice_mut(self.offset(), self.writer.len) }
     }
 
-    /// Makes the array visible to the renderer and returns its position.
+    /// Makes the array visible to the reader and returns its position.
     pub fn publish(self) -> u64 {
         let position = self.position();
         let writer = self.writer;
@@ -129,44 +157,45 @@ impl ArrayGuard<'_> {
     }
 }
 
-impl Deref for ArrayGuard<'_> {
-    type Target = [f32];
+impl<T: ArrayItem> Deref for ArrayGuard<'_, T> {
+    type Target = [T];
 
-    fn deref(&self) -> &[f32] {
+    fn deref(&self) -> &[T] {
         // SAFETY: as in `values_mut`; shared here.
-        unsafe { self.writer.segment.region().slice(self.offset(), self.writer.len.into()) }
+        unsafe { self.writer.segment.region().slice(self.offset(), self.writer.len) }
     }
 }
 
-impl DerefMut for ArrayGuard<'_> {
-    fn deref_mut(&mut self) -> &mut [f32] {
+impl<T: ArrayItem> DerefMut for ArrayGuard<'_, T> {
+    fn deref_mut(&mut self) -> &mut [T] {
         self.values_mut()
     }
 }
 
-/// The renderer's end.
+/// The reading end.
 #[derive(Debug)]
-pub struct ElevationReader {
+pub struct ArrayReader<T> {
     segment: Arc<Segment>,
     cursor: ReadCursor,
-    len: u32,
+    len: u64,
+    item: PhantomData<fn(T) -> T>,
     _claim: RoleClaim,
 }
 
-impl ElevationReader {
+impl<T: ArrayItem> ArrayReader<T> {
     /// Opens the reading end; waits a short time for the segment to become ready.
     ///
     /// # Errors
     /// See [`ShmError`].
     pub fn open(run: &RunId) -> Result<Self, ShmError> {
-        Self::attach(&open_segment(run, SegmentKind::ElevationRing)?)
+        Self::attach(&open_segment(run, T::KIND)?)
     }
 
     pub(crate) fn attach(segment: &Arc<Segment>) -> Result<Self, ShmError> {
-        let len = array_len(segment)?;
+        let len = array_len::<T>(segment)?;
         let claim = RoleClaim::take(segment, Role::Reader)?;
-        let cursor = ReadCursor::attach(segment.words(), SegmentKind::ElevationRing, segment.geometry().capacity)?;
-        Ok(Self { segment: Arc::clone(segment), cursor, len, _claim: claim })
+        let cursor = ReadCursor::attach(segment.words(), T::KIND, segment.geometry().capacity)?;
+        Ok(Self { segment: Arc::clone(segment), cursor, len, item: PhantomData, _claim: claim })
     }
 
     /// Number of arrays, a power of two.
@@ -175,9 +204,9 @@ impl ElevationReader {
         self.segment.geometry().capacity as u32
     }
 
-    /// Numbers in an array.
+    /// Items of an array.
     #[must_use]
-    pub fn array_f32(&self) -> u32 {
+    pub fn array_len(&self) -> u64 {
         self.len
     }
 
@@ -205,8 +234,8 @@ impl ElevationReader {
         RingPosition::new(self.cursor.position())
     }
 
-    /// Whether the array at `position` is published and not released, so that the device may read
-    /// it. To be called for each position that comes out of the ring.
+    /// Whether the array at `position` is published and not released, so that it may be
+    /// read. To be called for each position that comes out of the ring.
     ///
     /// # Errors
     /// [`ShmError::Corrupt`] when the writer's position cannot be.
@@ -220,25 +249,25 @@ impl ElevationReader {
     /// Index of the array at `position` within the segment, if the reader holds it.
     ///
     /// # Errors
-    /// As [`ElevationReader::holds`].
+    /// As [`ArrayReader::holds`].
     pub fn index_of(&mut self, position: u64) -> Result<Option<u32>, ShmError> {
         let mask = self.segment.geometry().capacity - 1;
         Ok(self.holds(position)?.then_some((position & mask) as u32))
     }
 
-    /// The numbers of the array at `position`, in place; `None` when the reader does not hold it.
+    /// The items of the array at `position`, in place; `None` when the reader does not hold it.
     ///
     /// # Errors
-    /// As [`ElevationReader::holds`].
-    pub fn read_array(&mut self, position: u64) -> Result<Option<&[f32]>, ShmError> {
+    /// As [`ArrayReader::holds`].
+    pub fn read_array(&mut self, position: u64) -> Result<Option<&[T]>, ShmError> {
         let Some(index) = self.index_of(position)? else { return Ok(None) };
         let offset = self.segment.item_offset(index.into());
         // SAFETY: the array is ours until `released`, which needs `&mut self` that the slice's
         // lifetime keeps from it.
-        Ok(Some(unsafe { self.segment.region().slice(offset, self.len.into()) }))
+        Ok(Some(unsafe { self.segment.region().slice(offset, self.len) }))
     }
 
-    /// Releases all arrays below the position `upto`, when the device has finished with them. A
+    /// Releases all arrays below the position `upto`, when nobody reads them any more. A
     /// position that has been released before changes nothing.
     ///
     /// # Errors
@@ -252,7 +281,7 @@ impl ElevationReader {
         let positions: &Positions = self.segment.words();
         if count > self.cursor.filled_now(positions)? {
             let expected = "at most the writer's position";
-            return Err(ShmError::corrupt(SegmentKind::ElevationRing, "the end of a frame's arrays", upto, expected));
+            return Err(ShmError::corrupt(T::KIND, "the end of a frame's arrays", upto, expected));
         }
         self.cursor.release(positions, count);
         Ok(())
