@@ -252,14 +252,11 @@ impl<L: TileLoader> Preparer<L> {
         Ok(counts)
     }
 
-    /// Whether a frame's heights are read out of the elevation pool. Not where holes are looked
-    /// through, nor where the world's sides are drawn down from its edge: both need the facets of
-    /// arrays.
+    /// Whether a frame's heights are read out of the elevation pool. Not where the world's sides are
+    /// drawn down from its edge, which needs the facets of arrays.
     fn is_read_in_place(&self, views: &Views) -> bool {
         let surface = self.world.surface();
-        self.config.render.is_swept()
-            && !self.world.has_validity()
-            && views.cameras().all(|camera| surface.is_over(camera.eye()))
+        self.config.render.is_swept() && views.cameras().all(|camera| surface.is_over(camera.eye()))
     }
 
     /// Whether frames of the run are still to come.

@@ -160,8 +160,10 @@ impl Caster {
         let canvas = Canvas { scene: &scene, colors, picture, sky: sky(options) };
         let rays = u64::from(camera.width()) * u64::from(camera.height());
         let counts = Counts { rays, ..sweep.draw(&canvas, camera, &options.sweep, workers) };
-        if ground.is_partly_unmeasured() {
+        if ground.pyramid().is_none() && ground.is_partly_unmeasured() {
             canvas.look_at_shares(workers);
+        } else if ground.is_partly_unmeasured() {
+            canvas.look_at_shares_in_place(workers);
         }
         counts
     }

@@ -20,6 +20,7 @@
 
 mod fan;
 mod heights;
+mod holes;
 mod sector;
 mod shade;
 mod stretch;

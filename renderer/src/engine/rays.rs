@@ -148,7 +148,8 @@ impl RaysEngine {
             [None, Some(Filter::OrientedBox)].map(|filter| Ground::new(ground_shape(&world, filter)));
         if let Some(ElevationPoolShape { slots, stride }) = elevation_pool {
             let exaggeration = options.exaggeration as f32;
-            heights = heights.with_pool(PoolShape { slots, stride, exaggeration });
+            let has_validity = world.has_validity();
+            heights = heights.with_pool(PoolShape { slots, stride, exaggeration, has_validity });
         }
         Ok(Self {
             caster: Caster::new(options.workers)?,
