@@ -217,10 +217,10 @@ impl<L: TileLoader> Preparer<L> {
         let maker = control.generation_of(Stage::Preparer);
         // Left by a frame that could not be made.
         self.slots.clear();
-        let is_in_place = self.is_read_in_place(&views);
         let mut output = Rings { ring, elevation, control, slots: &mut self.slots, sequence, maker, waited_nanos: 0 };
         let (tree, loader) = (&self.tree, &self.loader);
-        let made = if is_in_place {
+        // A sweep reads heights out of the elevation pool.
+        let made = if self.config.render.is_swept() {
             self.maker.make_in_place(&request, tree, loader, unavailable, &mut output)
         } else {
             self.maker.make(&request, tree, loader, unavailable, &mut output)
@@ -250,13 +250,6 @@ impl<L: TileLoader> Preparer<L> {
         control.heartbeat(Stage::Preparer);
         tracing::trace!(frame = frame.get(), ?counts, "frame is in the ring");
         Ok(counts)
-    }
-
-    /// Whether a frame's heights are read out of the elevation pool. Not where the world's sides are
-    /// drawn down from its edge, which needs the facets of arrays.
-    fn is_read_in_place(&self, views: &Views) -> bool {
-        let surface = self.world.surface();
-        self.config.render.is_swept() && views.cameras().all(|camera| surface.is_over(camera.eye()))
     }
 
     /// Whether frames of the run are still to come.

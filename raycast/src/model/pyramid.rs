@@ -302,6 +302,11 @@ impl Pyramid {
         })
     }
 
+    /// Whether its tiles have planes of validity.
+    pub(crate) fn has_validity(&self) -> bool {
+        self.shape.has_validity
+    }
+
     /// Factor on all heights.
     pub(crate) fn exaggeration(&self) -> f32 {
         self.shape.exaggeration

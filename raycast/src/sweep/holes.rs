@@ -6,15 +6,15 @@
 //! level's facets are made of whole ones of these, so that both are linear on each, and so is what
 //! they are blended to, but for the way that the share of the next level goes with the distance.
 
+use super::surface::Surface;
 use crate::counts::Counts;
 use crate::exact::holes::{MARK, MOST_HOLES, WITHIN};
 use crate::exact::{LEAST_BELOW, LEAST_BELOW_M, Side, past};
-use crate::model::{LevelDistances, Pyramid, Source, TileSource};
-use crate::scene::{Bounds, JUST_INSIDE, Scene, exit};
+use crate::model::{Source, TileSource};
+use crate::scene::{Bounds, exit};
 use crate::shade::Canvas;
 use crate::view::Ray;
 use crate::workers::Workers;
-use glam::DVec2;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use terravision_common::validity::{GROUND_PLANE, HALF, MEASURED_PLANE};
 
@@ -22,8 +22,6 @@ use terravision_common::validity::{GROUND_PLANE, HALF, MEASURED_PLANE};
 /// does.
 const MOST_TILES: u32 = 1 << 16;
 const MOST_FACETS: u32 = 1 << 14;
-/// How much further a ray goes at least from facet to facet, as a share of its way and as such.
-const LEAST_WAY: f64 = 1e-9;
 /// From facet to facet a crossing is come closer to this many times: where the ground is blended,
 /// it is not quite linear.
 const TRIES: u32 = 3;
@@ -47,22 +45,10 @@ struct Known {
     is_partly_unmeasured: bool,
 }
 
-/// The surface of the pool's tiles, one ray at a time.
-struct Surface<'a> {
-    scene: &'a Scene<'a>,
-    pyramid: &'a Pyramid,
-    distances: &'a LevelDistances,
-    /// The eye's place on the lattice.
-    eye: DVec2,
-}
-
 impl Canvas<'_> {
     /// Continues the rays that hit a hole, and marks pixels whose ground was filled.
     pub(crate) fn look_at_shares_in_place(&self, workers: &Workers) {
-        let scene = self.scene;
-        let Some((pyramid, distances)) = scene.pyramid() else { return };
-        let eye = scene.ground.shape().surface.lattice_of_way(DVec2::ZERO, scene.view.eye_in_world());
-        let surface = Surface { scene, pyramid, distances, eye };
+        let Some(surface) = Surface::new(self.scene) else { return };
         let rows = self.picture.size()[1] as usize;
         let next = AtomicUsize::new(0);
         workers.run(|_| {
@@ -120,34 +106,6 @@ impl Surface<'_> {
         let log = self.scene.ground.shape().surface.cells().ilog2() + u32::from(source.level);
         let bounds = self.scene.square(source.origin, log);
         Some(Known { source, bounds, is_partly_unmeasured: self.pyramid.is_partly_unmeasured(&source) })
-    }
-
-    fn source(&self, ray: &Ray, s: f32) -> Source {
-        let away2 = (ray.direction * s).length_squared();
-        self.pyramid.find(self.point(ray, f64::from(s)).to_array(), away2, self.distances)
-    }
-
-    /// The lattice point that a ray is over, within the ground.
-    fn point(&self, ray: &Ray, s: f64) -> DVec2 {
-        let end = DVec2::from_array(self.scene.ground.end().map(f64::from)) - JUST_INSIDE;
-        (self.eye + self.per_s(ray) * s).clamp(DVec2::ZERO, end.max(DVec2::ZERO))
-    }
-
-    /// Lattice units that a ray goes per unit of s.
-    fn per_s(&self, ray: &Ray) -> DVec2 {
-        ray.direction.truncate().as_dvec2() / self.scene.ground.shape().surface.unit_m()
-    }
-
-    /// A plane of the surface under a ray.
-    fn plane(&self, ray: &Ray, s: f64, source: &TileSource, plane: usize) -> f32 {
-        let away2 = (ray.direction * s as f32).length_squared();
-        self.pyramid.sample(source, plane, self.point(ray, s), away2, self.scene.heights)
-    }
-
-    /// How high a ray is above the surface, metres.
-    fn above(&self, ray: &Ray, s: f64, source: &TileSource) -> f64 {
-        let height = self.plane(ray, s, source, 0) * self.pyramid.exaggeration();
-        f64::from(self.scene.eye_height) - f64::from(height) + f64::from(ray.direction.z) * s
     }
 
     /// The surface where a ray has met it. `beyond`: on which side the ray goes on, if it is known.
@@ -260,21 +218,6 @@ impl Surface<'_> {
             (s, above) = (next, above_next);
         }
         None
-    }
-
-    /// The next edge of a facet under a ray.
-    fn next_edge(&self, ray: &Ray, s: f64, source: &TileSource) -> f64 {
-        let per_cell = 1.0 / f64::from(1u32 << source.level);
-        let corner = DVec2::from_array(source.origin.map(f64::from));
-        let at = (self.eye + self.per_s(ray) * s - corner) * per_cell;
-        let by = self.per_s(ray) * per_cell;
-        let to_whole = |at: f64, by: f64| match by {
-            by if by > 0.0 => (at.floor() + 1.0 - at) / by,
-            by if by < 0.0 => (at.ceil() - 1.0 - at) / by,
-            _ => f64::INFINITY,
-        };
-        let way = to_whole(at.x, by.x).min(to_whole(at.y, by.y)).min(to_whole(at.x - at.y, by.x - by.y));
-        s + way.max(s * LEAST_WAY + LEAST_WAY)
     }
 
     /// Where a ray crosses the surface, which is above it at one end and below it at the other.
