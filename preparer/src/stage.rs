@@ -139,12 +139,14 @@ impl<L: TileLoader> Preparer<L> {
             return Err(PreparerError::WrongArrays { found, expected });
         }
         let nodes = ports.trees.capacity();
+        // Frames that are swept have no arrays.
+        let most_leaves = if config.render.is_swept() { nodes } else { ports.elevation.capacity() };
         let mut preparer = Self {
             world: *world,
             config: config.clone(),
             loader,
             wait: TileWait::new(world, config.texels, 2 * nodes as usize),
-            tree: FrameTree::new(world, nodes, ports.elevation.capacity()),
+            tree: FrameTree::new(world, nodes, most_leaves),
             maker: FrameMaker::new(world, nodes),
             slots: Vec::with_capacity(SLOTS_AT_ONCE),
             // Frames may have been skipped, but none came twice.
