@@ -302,6 +302,11 @@ impl Pyramid {
         })
     }
 
+    /// Where the root's posts begin in the pool; 0 without a root.
+    pub(crate) fn first_of_root(&self) -> u32 {
+        self.nodes.first().map_or(0, |root| root.slot.wrapping_mul(self.shape.stride))
+    }
+
     /// Whether its tiles have planes of validity.
     pub(crate) fn has_validity(&self) -> bool {
         self.shape.has_validity
