@@ -29,13 +29,19 @@ const TRIES: u32 = 3;
 /// side the ray goes on.
 const ONWARDS: f32 = 1e-4;
 
-/// Where a ray has met the surface, and on which side of it the ray goes on.
+/// Where a ray has met the surface.
 #[derive(Debug, Clone, Copy)]
 struct Met {
     s: f32,
-    ground: f32,
-    measured: f32,
-    beyond: Side,
+    is_hole: bool,
+    is_filled: bool,
+}
+
+impl Met {
+    /// What is put of the colour there: ground that was filled is marked.
+    fn marked(&self, color: u32) -> u32 {
+        if self.is_filled { color & !MARK } else { color }
+    }
 }
 
 /// The tile that neighboring pixels see, metres from the eye.
@@ -72,28 +78,25 @@ impl Surface<'_> {
             }
             let pixel = [x, row as u32];
             let ray = scene.view.ray(pixel);
-            // Between two planes a point may lie a little beyond the border: what is there is what is at
-            // the border.
+            // Between two planes a point may lie a little beyond the border: what is there is what
+            // is at the border.
             let s = (depth / ray.depth).min(scene.departure(&ray) * WITHIN);
             if !known.as_ref().is_some_and(|known| known.holds(&ray, s)) {
                 known = self.known(&ray, s);
             }
             let Some(Known { source, is_partly_unmeasured: true, .. }) = &known else { continue };
-            let met = self.met(&ray, s, source, None);
-            let mark = |met: &Met| if met.measured < HALF { MARK } else { 0 };
-            // A share that is no number is of ground.
-            if !(met.ground < HALF) {
-                if mark(&met) != 0 {
-                    picture.put(pixel, color & !MARK, depth);
+            let met = self.met(&ray, s, source);
+            if !met.is_hole {
+                if met.is_filled {
+                    picture.put(pixel, met.marked(color), depth);
                 }
                 continue;
             }
-            let beyond = self.beyond_hole(&ray, met, counts);
+            let beyond = self.beyond_hole(&ray, s, self.side_beyond(&ray, s, source), counts);
             let tile = beyond.as_ref().and_then(|met| scene.tile_at_point((ray.direction * met.s).truncate()));
             match (beyond, tile) {
                 (Some(met), Some(tile)) => {
-                    let color = canvas.shade(tile, &ray, met.s) & !mark(&met);
-                    picture.put(pixel, color, met.s * ray.depth);
+                    picture.put(pixel, met.marked(canvas.shade(tile, &ray, met.s)), met.s * ray.depth);
                 }
                 _ => canvas.put_sky(pixel),
             }
@@ -108,34 +111,36 @@ impl Surface<'_> {
         Some(Known { source, bounds, is_partly_unmeasured: self.pyramid.is_partly_unmeasured(&source) })
     }
 
-    /// The surface where a ray has met it. `beyond`: on which side the ray goes on, if it is known.
-    fn met(&self, ray: &Ray, s: f32, source: &TileSource, beyond: Option<Side>) -> Met {
-        let [ground, measured] =
-            [GROUND_PLANE, MEASURED_PLANE].map(|plane| self.plane(ray, f64::from(s), source, plane));
-        let beyond = beyond.unwrap_or_else(|| {
-            let above = |s: f32| self.above(ray, f64::from(s), source);
-            let here = above(s);
-            // Between two planes of a sweep a pixel is beside the surface.
-            let is_above = if here.abs() > least_below(s) { here > 0.0 } else { above(s + s * ONWARDS) > here };
-            if is_above { Side::Above } else { Side::Below }
-        });
-        Met { s, ground, measured, beyond }
+    /// The surface where a ray has met it.
+    fn met(&self, ray: &Ray, s: f32, source: &TileSource) -> Met {
+        let share = |plane| self.plane(ray, f64::from(s), source, plane);
+        Met { s, is_hole: share(GROUND_PLANE) < HALF, is_filled: share(MEASURED_PLANE) < HALF }
     }
 
-    /// Where a ray that passes through a hole hits ground, if it does.
-    fn beyond_hole(&self, ray: &Ray, mut met: Met, counts: &mut Counts) -> Option<Met> {
+    /// On which side of the surface a ray goes on that has met it. Between two planes of a sweep a
+    /// pixel is beside the surface.
+    fn side_beyond(&self, ray: &Ray, s: f32, source: &TileSource) -> Side {
+        let above = |s: f32| self.above(ray, f64::from(s), source);
+        let here = above(s);
+        let is_above = if here.abs() > least_below(s) { here > 0.0 } else { above(s + s * ONWARDS) > here };
+        if is_above { Side::Above } else { Side::Below }
+    }
+
+    /// Where a ray that passes through a hole, to this side of the surface, hits ground, if it does.
+    fn beyond_hole(&self, ray: &Ray, mut s: f32, mut side: Side, counts: &mut Counts) -> Option<Met> {
         let border = self.scene.departure(ray);
         for _ in 0..MOST_HOLES {
-            met = self.next_met(ray, met.beyond, [past(met.s), border], counts)?;
-            if !(met.ground < HALF) {
+            let met = self.next_met(ray, &mut side, [past(s), border], counts)?;
+            if !met.is_hole {
                 return Some(met);
             }
+            s = met.s;
         }
         None
     }
 
     /// Where a ray next meets the side of the surface that is drawn, before `border`.
-    fn next_met(&self, ray: &Ray, mut side: Side, [from, border]: [f32; 2], counts: &mut Counts) -> Option<Met> {
+    fn next_met(&self, ray: &Ray, side: &mut Side, [from, border]: [f32; 2], counts: &mut Counts) -> Option<Met> {
         let [lowest, highest] = self.scene.ground.range_m().map(|height| height - self.scene.eye_height);
         let (mut s, rise) = (from, ray.direction.z);
         for _ in 0..MOST_TILES {
@@ -148,13 +153,13 @@ impl Surface<'_> {
                 Source::Hole { corner, log, .. } => {
                     let Bounds { min, max } = self.scene.square(corner, log);
                     s = past(exit(ray.direction.truncate(), min, max).max(s));
-                    side = Side::Outside;
+                    *side = Side::Outside;
                     continue;
                 }
             };
             let end = self.end_of(ray, s, &source, border);
-            if !self.is_clear(ray, [s, end], side, &source)
-                && let Some(met) = self.cross(ray, &mut side, [s, end], &source, counts)
+            if !self.is_clear(ray, [s, end], *side, &source)
+                && let Some(met) = self.cross(ray, side, [s, end], &source, counts)
             {
                 return Some(met);
             }
@@ -209,7 +214,7 @@ impl Surface<'_> {
                 let at = self.crossing(ray, [s, next], [above, above_next], source);
                 *side = if is_from_above { Side::Below } else { Side::Above };
                 if is_from_above || self.scene.has_undersides {
-                    return Some(self.met(ray, at as f32, source, Some(*side)));
+                    return Some(self.met(ray, at as f32, source));
                 }
             }
             if next >= end {

@@ -88,7 +88,7 @@ impl PoolReader {
     /// atomic loads, would have every lane looked up and loaded by itself, which is what gathering
     /// saves. It stays within the rule that nobody reads what a peer may be writing, since a reader
     /// forms each place from a slot whose key it has checked and from a place within that slot, and
-    /// checks all keys again after the last load ([`PoolReader::info`]): a picture of a slot that was
+    /// checks all keys again after the last load ([`PoolReader::bytes`]): a picture of a slot that was
     /// refilled is not shown.
     #[must_use]
     pub fn all_f32(&self) -> &[f32] {
