@@ -18,12 +18,15 @@
 //! vectors of sixteen numbers (`terravision_common::simd`), done by the widest instructions that the processor
 //! has ([`Instructions`]), with the same bits by all of them.
 
+mod edge;
 mod fan;
 mod heights;
+mod holes;
 mod sector;
 mod shade;
 mod stretch;
 mod strip;
+mod surface;
 #[cfg(test)]
 mod tests;
 mod texels;
@@ -33,12 +36,14 @@ use crate::counts::Counts;
 use crate::scene::Scene;
 use crate::shade::Canvas;
 use crate::workers::Workers;
+pub use edge::EdgeStretch;
 use fan::{Block, Fan};
 use sector::{Row, Sector};
 use shade::Shader;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use strip::{LINES, Strip};
+use surface::Surface;
 use terravision_common::camera::Camera;
 use terravision_common::simd::{Instructions, LANES, Simd, Work};
 use trace::Tracer;
@@ -177,6 +182,14 @@ impl Sweep {
         };
         Sector::all(camera, f64::from(detail.lines_per_px), &mut put, rows);
         count
+    }
+}
+
+/// The edge of a scene's ground along the west, east, south or north side of the world (0 to 3),
+/// where its heights are in place.
+pub(crate) fn edge(scene: &Scene<'_>, side: usize, has_validity: bool, put: &mut dyn FnMut(EdgeStretch)) {
+    if let Some(surface) = Surface::new(scene) {
+        surface.edge(side, has_validity, put);
     }
 }
 
