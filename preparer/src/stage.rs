@@ -139,12 +139,14 @@ impl<L: TileLoader> Preparer<L> {
             return Err(PreparerError::WrongArrays { found, expected });
         }
         let nodes = ports.trees.capacity();
+        // Frames that are swept have no arrays.
+        let most_leaves = if config.render.is_swept() { nodes } else { ports.elevation.capacity() };
         let mut preparer = Self {
             world: *world,
             config: config.clone(),
             loader,
             wait: TileWait::new(world, config.texels, 2 * nodes as usize),
-            tree: FrameTree::new(world, nodes, ports.elevation.capacity()),
+            tree: FrameTree::new(world, nodes, most_leaves),
             maker: FrameMaker::new(world, nodes),
             slots: Vec::with_capacity(SLOTS_AT_ONCE),
             // Frames may have been skipped, but none came twice.
@@ -217,10 +219,10 @@ impl<L: TileLoader> Preparer<L> {
         let maker = control.generation_of(Stage::Preparer);
         // Left by a frame that could not be made.
         self.slots.clear();
-        let is_in_place = self.is_read_in_place(&views);
         let mut output = Rings { ring, elevation, control, slots: &mut self.slots, sequence, maker, waited_nanos: 0 };
         let (tree, loader) = (&self.tree, &self.loader);
-        let made = if is_in_place {
+        // A sweep reads heights out of the elevation pool.
+        let made = if self.config.render.is_swept() {
             self.maker.make_in_place(&request, tree, loader, unavailable, &mut output)
         } else {
             self.maker.make(&request, tree, loader, unavailable, &mut output)
@@ -250,16 +252,6 @@ impl<L: TileLoader> Preparer<L> {
         control.heartbeat(Stage::Preparer);
         tracing::trace!(frame = frame.get(), ?counts, "frame is in the ring");
         Ok(counts)
-    }
-
-    /// Whether a frame's heights are read out of the elevation pool. Not where holes are looked
-    /// through, nor where the world's sides are drawn down from its edge: both need the facets of
-    /// arrays.
-    fn is_read_in_place(&self, views: &Views) -> bool {
-        let surface = self.world.surface();
-        self.config.render.is_swept()
-            && !self.world.has_validity()
-            && views.cameras().all(|camera| surface.is_over(camera.eye()))
     }
 
     /// Whether frames of the run are still to come.

@@ -11,7 +11,7 @@ use crate::proof::{StartRule, Steepness};
 use crate::scene::{Placed, Scene};
 use crate::shade::strip::{Line, Strips};
 use crate::shade::{Canvas, Footprints, outline};
-use crate::sweep::{Sweep, SweepDetail};
+use crate::sweep::{self, EdgeStretch, Sweep, SweepDetail};
 use crate::view::View;
 use crate::workers::{Workers, WorkersError};
 use std::ops::Range;
@@ -164,7 +164,11 @@ impl Caster {
         let counts = Counts { rays, ..sweep.draw(&canvas, camera, &options.sweep, workers) };
         if ground.is_partly_unmeasured() {
             assert!(picture.has_depth(), "holes are looked for where pixels lie");
-            canvas.look_at_shares(workers);
+            if ground.pyramid().is_some() {
+                canvas.look_at_shares_in_place(workers);
+            } else {
+                canvas.look_at_shares(workers);
+            }
         }
         counts
     }
@@ -221,6 +225,23 @@ impl Caster {
     pub fn outline(&mut self, ground: &Ground, heights: &[f32], camera: &Camera, outlines: &[u32], picture: &Picture) {
         let scene = Scene::new(ground, View::new(camera), &mut self.placed, false).in_place(heights, 1.0);
         outline::draw(&scene, outlines, picture, &self.workers);
+    }
+
+    /// The edge of a ground in place along the west, east, south or north side of the world (0 to 3),
+    /// as a sweep with posts at most `post_px` pixels apart draws it: stretches in order, from the
+    /// south or west. `heights`: as in [`CastTask`].
+    pub fn edge(
+        &mut self,
+        ground: &Ground,
+        heights: &[f32],
+        camera: &Camera,
+        post_px: f32,
+        side: usize,
+        put: &mut dyn FnMut(EdgeStretch),
+    ) {
+        let scene = Scene::new(ground, View::new(camera), &mut self.placed, false).in_place(heights, post_px);
+        let has_validity = scene.pyramid().is_some_and(|(pyramid, _)| pyramid.has_validity());
+        sweep::edge(&scene, side, has_validity, put);
     }
 
     /// Its threads.

@@ -44,4 +44,4 @@ pub use coherent::Sampling;
 pub use counts::Counts;
 pub use picture::Picture;
 pub use proof::{StartRule, Steepness, Unproven};
-pub use sweep::SweepDetail;
+pub use sweep::{EdgeStretch, SweepDetail};

@@ -63,7 +63,7 @@ pub(crate) enum Place {
 const NEAR_BOUNDS: f32 = 0.01;
 /// A point on the outer border belongs to the cell before it: this many lattice units are
 /// subtracted, a difference that a double has room for at any lattice coordinate.
-const JUST_INSIDE: f64 = 1e-3;
+pub(crate) const JUST_INSIDE: f64 = 1e-3;
 
 /// Computes the positions of all tiles; returns their bounds.
 pub(crate) fn place(ground: &Ground, view: &View, placed: &mut Vec<Placed>) -> Bounds {

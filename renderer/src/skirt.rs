@@ -5,11 +5,13 @@
 //! the first thing that a ray can meet, so nothing has to be compared. A ray that enters the
 //! world's rectangle below the ground that is drawn at that point of the border sees the wall; one
 //! that enters below the lowest height and rises sees the floor. The top of the wall is the edge of
-//! the ground as the mesh draws it: the same posts of the same arrays.
+//! the ground as it is drawn: the same posts of the same arrays, or, where a sweep reads heights in
+//! place, what it says of its edge.
 //!
 //! A world with holes has walls only where ground reaches its border, and no floor: what is under a
 //! hole is seen through it.
 
+use crate::engine::Engine;
 use crate::frame::Frame;
 use crate::pixels::Pixels;
 use crate::source::{Pools, SourceError};
@@ -19,6 +21,7 @@ use terravision_common::rig::View;
 use terravision_common::slot::TileSlot;
 use terravision_common::validity::{GROUND_PLANE, HALF};
 use terravision_common::world::World;
+use terravision_raycast::EdgeStretch;
 
 /// Share of the distance up to which rays and rasterizers may find a ray on the other side of the
 /// ground's edge than it is here: no sky is to show between ground and wall.
@@ -87,19 +90,35 @@ impl Skirt {
     ///
     /// # Errors
     /// The source is damaged.
-    pub fn borders(&mut self, frame: &Frame, pools: &mut dyn Pools) -> Result<Vec<Border>, SourceError> {
-        let borders = frame.views.iter().map(|view| self.border(view, frame, pools));
-        borders.filter_map(Result::transpose).collect()
+    pub fn borders(
+        &mut self,
+        frame: &Frame,
+        pools: &mut dyn Pools,
+        engine: &mut dyn Engine,
+    ) -> Result<Vec<Border>, SourceError> {
+        let mut borders = Vec::new();
+        let surface = self.world.surface();
+        for view in frame.views.iter().filter(|view| !surface.is_over(view.camera.eye())) {
+            let sides = if frame.elevations.is_empty() {
+                self.sides_of_arrays(view, frame, pools)?
+            } else {
+                sides_in_place(view, pools, engine)
+            };
+            let (end, low) = (surface.end(), self.low_m - surface.height_m(view.camera.eye()));
+            borders.push(Border { view: *view, end, low, has_floor: !self.world.has_holes(), sides });
+        }
+        Ok(borders)
     }
 
-    fn border(&mut self, view: &View, frame: &Frame, pools: &mut dyn Pools) -> Result<Option<Border>, SourceError> {
-        let camera = &view.camera;
+    /// The edge of the ground by the elevation arrays of a frame.
+    fn sides_of_arrays(
+        &mut self,
+        view: &View,
+        frame: &Frame,
+        pools: &mut dyn Pools,
+    ) -> Result<[Vec<Stretch>; 4], SourceError> {
         let surface = self.world.surface();
-        let eye_m = surface.height_m(camera.eye());
-        self.datum_m = surface.height_above(frame.pose.eye(), eye_m);
-        if surface.is_over(camera.eye()) {
-            return Ok(None);
-        }
+        self.datum_m = surface.height_above(frame.pose.eye(), surface.height_m(view.camera.eye()));
         let mut sides: [Vec<Stretch>; 4] = Default::default();
         let mut position = None;
         for tile in &frame.tiles {
@@ -122,13 +141,7 @@ impl Skirt {
         for stretches in &mut sides {
             stretches.sort_unstable_by(|a, b| a.ends[0].total_cmp(&b.ends[0]));
         }
-        Ok(Some(Border {
-            view: *view,
-            end: surface.end(),
-            low: self.low_m - eye_m,
-            has_floor: !self.world.has_holes(),
-            sides,
-        }))
+        Ok(sides)
     }
 
     /// Adds the ground along column (`axis` 0) or row `at` of a tile's block.
@@ -176,6 +189,20 @@ impl Skirt {
         let posts = self.world.elevation_posts() as usize;
         self.array.get((plane * posts + row as usize) * posts + column as usize).map(|value| f64::from(*value))
     }
+}
+
+/// The edge of the ground as a sweep draws it.
+fn sides_in_place(view: &View, pools: &dyn Pools, engine: &mut dyn Engine) -> [Vec<Stretch>; 4] {
+    let mut sides: [Vec<Stretch>; 4] = Default::default();
+    for (side, stretches) in sides.iter_mut().enumerate() {
+        engine.edge(&view.camera, pools, side, &mut |EdgeStretch { ends_m, heights_m, ground }| {
+            if let Some(part) = ground_along(ground.map(f64::from)) {
+                let between = |v: [f64; 2]| part.map(|t| v[0] + t * (v[1] - v[0]));
+                stretches.push(Stretch { ends: between(ends_m), heights: between(heights_m) });
+            }
+        });
+    }
+    sides
 }
 
 /// The part of a stretch between two posts that is ground, given the shares of both.

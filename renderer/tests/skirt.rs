@@ -44,15 +44,29 @@ fn recording(camera: &Camera) -> Arc<Recording> {
     scene.finish()
 }
 
+/// The same ground at its finest level, its heights in the elevation pool.
+fn recording_in_place(camera: &Camera) -> Arc<Recording> {
+    let mut scene = Scene::new(world([60, 45]), &rough, &green);
+    let elevations = scene.elevation_tiles(0);
+    let leaves = (0..elevations.len()).filter(|at| elevations[*at].node().is_some_and(|node| node.q() == 0));
+    let tiles = leaves.map(|at| scene.leaf_in_place(&elevations, at)).collect();
+    scene.frame_in_place(camera, &elevations, tiles);
+    scene.finish()
+}
+
 fn draw(options: &EngineOptions, camera: &Camera) -> Option<Finished> {
-    let recording = recording(camera);
-    let mut source = RecordedSource::new(Arc::clone(&recording), 1);
+    draw_of(options, &recording(camera))
+}
+
+fn draw_of(options: &EngineOptions, recording: &Arc<Recording>) -> Option<Finished> {
+    let mut source = RecordedSource::new(Arc::clone(recording), 1);
     let mut reader = FrameReader::new(source.shape(), options.size).unwrap();
     let mut engine = engine::open(options.clone(), &source).unwrap();
     reader.read(&mut source, true).unwrap();
-    let mut borders = Skirt::new(&source.shape().world, LOW_M).borders(reader.frame(), &mut source).unwrap();
     let pixels = engine.new_pixels().unwrap();
     engine.submit(reader.frame(), &mut source, pixels).unwrap();
+    let mut skirt = Skirt::new(&source.shape().world, LOW_M);
+    let mut borders = skirt.borders(reader.frame(), &mut source, &mut *engine).unwrap();
     let mut finished = loop {
         if let Some(finished) = engine.poll(Duration::from_secs(20)).unwrap() {
             break finished;
@@ -73,8 +87,11 @@ fn kinds(finished: &Finished) -> Vec<char> {
     finished.pixels.rgba().chunks_exact(4).map(kind).collect()
 }
 
+fn rays(rays: RaysChoice) -> EngineOptions {
+    EngineOptions { technique: TechniqueChoice::Rays, rays, has_depth: true, ..options(SIZE) }
+}
+
 fn ways() -> [EngineOptions; 3] {
-    let rays = |rays| EngineOptions { technique: TechniqueChoice::Rays, rays, has_depth: true, ..options(SIZE) };
     [
         EngineOptions { has_depth: true, ..options(SIZE) },
         EngineOptions { has_validation: false, ..rays(RaysChoice::Mipmap) },
@@ -82,15 +99,40 @@ fn ways() -> [EngineOptions; 3] {
     ]
 }
 
-#[test]
-fn under_the_edge_of_the_ground_is_a_wall_and_nothing_between() {
-    // From the south west, over a corner; from the north; from below the edge, looking up.
-    let views = [
+/// From the south west, over a corner; from the north; from below the edge, looking up.
+fn views() -> [Camera; 3] {
+    [
         camera([-300.0, -250.0, 260.0], 50.0, -18.0, SIZE),
         camera([250.0, 900.0, 120.0], 175.0, -12.0, SIZE),
         camera([900.0, 200.0, -60.0], 275.0, 2.0, SIZE),
-    ];
-    for (index, view) in views.iter().enumerate() {
+    ]
+}
+
+#[test]
+fn walls_go_down_from_the_edge_that_a_sweep_draws_in_place() {
+    let sweep = EngineOptions { has_validation: false, ..rays(RaysChoice::Sweep) };
+    for (index, view) in views().iter().enumerate() {
+        let picture = draw_of(&sweep, &recording_in_place(view)).unwrap();
+        keep(&picture, &format!("skirt-in-place-{index}"));
+        let kinds = kinds(&picture);
+        let count = |kind| kinds.iter().filter(|k| **k == kind).count();
+        assert!(count('w') > 2000 && count('g') > 300, "view {index}: {} {}", count('w'), count('g'));
+        let columns = (0..SIZE[0] as usize)
+            .map(|x| -> String { (0..SIZE[1] as usize).map(|y| kinds[y * SIZE[0] as usize + x]).collect() });
+        let torn: Vec<(usize, String)> = columns
+            .enumerate()
+            .filter(|(_, column)| {
+                let inner = column.trim_matches('s');
+                inner.contains('s') || inner.contains("wg")
+            })
+            .collect();
+        assert!(torn.is_empty(), "view {index}: {torn:?}");
+    }
+}
+
+#[test]
+fn under_the_edge_of_the_ground_is_a_wall_and_nothing_between() {
+    for (index, view) in views().iter().enumerate() {
         let pictures = ways().map(|options| draw(&options, view).unwrap());
         let all = pictures.each_ref().map(kinds);
         keep(&pictures[0], &format!("skirt-{index}"));

@@ -153,7 +153,13 @@ fn what_was_made_up_is_told_from_what_was_measured_and_holes_are_sky() {
         let is_inside = |expected: &[Option<bool>]| -> Vec<Option<bool>> {
             expected.iter().zip(&beyond).map(|(is, beyond)| is.filter(|_| *beyond == Some(false))).collect()
         };
-        for technique in [&["--technique=mesh"][..], &["--rays=mipmap"], &["--rays=coherent"], &["--rays=compute"]] {
+        for technique in [
+            &["--technique=mesh"][..],
+            &["--rays=mipmap"],
+            &["--rays=coherent"],
+            &["--rays=compute"],
+            &["--rays=sweep"],
+        ] {
             let what = format!("{voids} {technique:?}");
             let taken = still(&folder, &world, technique);
             let is_told: Vec<_> = holes.iter().zip(made_up).map(|(h, m)| h.zip(*m).map(|(h, m)| h || m)).collect();
@@ -222,7 +228,7 @@ fn no_sky_is_seen_away_from_holes() {
         voids.map(|k| ((k % POSTS) as f64 - i).hypot((k / POSTS) as f64 - j)).fold(f64::INFINITY, f64::min) * SPACING_M
     };
     for pose in poses {
-        for technique in [&["--technique=mesh"][..], &["--rays=mipmap"], &["--rays=compute"]] {
+        for technique in [&["--technique=mesh"][..], &["--rays=mipmap"], &["--rays=compute"], &["--rays=sweep"]] {
             let [whole, holed] = [(&filled, "--made-up=mark"), (&holed, "--made-up=nan")]
                 .map(|(world, made_up)| still_from(&folder, world, pose, &[technique, &[made_up]].concat()));
             let opened: Vec<usize> = (0..SIDE * SIDE).filter(|k| holed.is_sky[*k] && !whole.is_sky[*k]).collect();

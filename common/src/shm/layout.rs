@@ -142,6 +142,13 @@ impl Layout {
         }
     }
 
+    /// The same for a run of frames that only a sweep draws: it reads heights out of the elevation pool,
+    /// and no elevation array is made.
+    #[must_use]
+    pub fn without_arrays(self) -> Self {
+        Self { elevation_arrays: 1, ..self }
+    }
+
     /// The smallest facets, at least 1 pixel, for which trees of a picture of this many pixels have
     /// room.
     #[must_use]

@@ -52,12 +52,12 @@ pub struct PictureArgs {
     pub overlay: Option<Overlay>,
     /// A preset of --facet-px and --samples [default: default; still: finest]
     ///
-    /// 'default' draws facets of 10 pixels, or of 3 by a sweep (5 in worlds with holes or filled
-    /// ground; 7 by '--rays coherent'), with one sample per pixel.
-    /// 'best' draws facets of 3 pixels, or of 1.4 by a sweep, with four samples: nearer to the
-    /// true picture, at several times the cost. 'finest' draws facets of 1 pixel (larger ones above
-    /// 1920x1080, where there would be too many) with four samples: what a pixel shows is right to
-    /// the pixel. Rays have one sample. --facet-px and --samples win over the preset.
+    /// 'default' draws facets of 10 pixels, or of 3 by a sweep (7 by '--rays coherent'), with one
+    /// sample per pixel. 'best' draws facets of 3 pixels, or of 1.4 by a sweep, with four samples:
+    /// nearer to the true picture, at several times the cost. 'finest' draws facets of 1 pixel
+    /// (larger ones above 1920x1080, where there would be too many) with four samples: what a pixel
+    /// shows is right to the pixel. Rays have one sample. --facet-px and --samples win over the
+    /// preset.
     #[arg(long, help_heading = DETAIL_HEADING, value_enum, overrides_with = "quality")]
     pub quality: Option<Quality>,
     /// How the ground is drawn [default: mesh where there is a GPU, else rays]

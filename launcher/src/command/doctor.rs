@@ -65,7 +65,7 @@ pub fn doctor(args: &DoctorArgs) -> Result<(), Failure> {
         technique(answer),
         instructions(Instructions::widest()),
         compression(answer),
-        shared_memory(args.memory.0),
+        shared_memory(args.memory.0, answer),
         leftovers(),
         ffmpeg(),
         gdal(&programs),
@@ -213,7 +213,7 @@ fn compression(answer: Result<&Value, &str>) -> Finding {
 }
 
 /// The layout of a flight over a world of default tiles.
-fn default_layout(memory_bytes: u64) -> Option<Layout> {
+fn default_layout(memory_bytes: u64, is_swept: bool) -> Option<Layout> {
     let world = World::new(WorldFields {
         origin: [0.0; 2],
         lattice_unit_m: 10.0,
@@ -225,13 +225,15 @@ fn default_layout(memory_bytes: u64) -> Option<Layout> {
         finest_color_level: 0,
     });
     // The larger of the two.
-    Layout::for_run(&world.ok()?, memory_bytes, TexelFormat::Rgba8).ok()
+    let layout = Layout::for_run(&world.ok()?, memory_bytes, TexelFormat::Rgba8).ok()?;
+    Some(if is_swept { layout.without_arrays() } else { layout })
 }
 
-fn shared_memory(memory_bytes: u64) -> Finding {
+fn shared_memory(memory_bytes: u64, answer: Result<&Value, &str>) -> Finding {
     const SUBJECT: &str = "shared memory";
     const ADVICE: &str = "mount -o remount,size=2g /dev/shm, or docker run --shm-size=2g, or fly with less --memory";
-    let Some(layout) = default_layout(memory_bytes) else {
+    let is_swept = Decision::new(Asked::default(), device::found(answer)).is_swept();
+    let Some(layout) = default_layout(memory_bytes, is_swept) else {
         let text = format!("--memory {} is too small for any flight", bytes_for_people(memory_bytes));
         return Finding::missing(SUBJECT, text, "use at least --memory 64MiB");
     };
@@ -346,7 +348,8 @@ mod tests {
 
     #[test]
     fn shared_memory_is_compared_with_what_is_needed() {
-        assert_eq!(shared_memory(1).health, Health::Missing);
-        assert!(default_layout(512 << 20).unwrap().total_bytes() > 256 << 20);
+        assert_eq!(shared_memory(1, Err("no renderer")).health, Health::Missing);
+        let [swept, mesh] = [true, false].map(|is_swept| default_layout(512 << 20, is_swept).unwrap().total_bytes());
+        assert!(swept > 200 << 20 && mesh > swept + (15 << 20), "{swept} and {mesh} bytes");
     }
 }

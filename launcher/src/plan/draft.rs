@@ -281,7 +281,9 @@ fn views_in_the_ground(choice: &PictureChoice, cameras: &[Camera], ground: &impl
 /// The run's shared memory.
 fn layout(world: &World, choice: &PictureChoice, memory: MemorySize) -> Result<Layout, Failure> {
     let layout = Layout::for_run(world, memory.0, choice.texels);
-    layout.map(|layout| layout.for_picture(world, choice.pixels(), choice.wanted_px[0])).map_err(|error| match error {
+    let layout = layout.map(|layout| layout.for_picture(world, choice.pixels(), choice.wanted_px[0]));
+    let layout = layout.map(|layout| if choice.decision.is_swept() { layout.without_arrays() } else { layout });
+    layout.map_err(|error| match error {
         ShmError::MemoryTooSmall { needed, .. } => Failure::bad_input(anyhow!(
             "--memory {}: the tile pools of this world need at least {}",
             bytes_for_people(memory.0),

@@ -74,14 +74,13 @@ impl PictureChoice {
         let Drawing { decision, texels, warning } = drawing.decide()?;
         let is_rays = decision.technique == TechniqueChoice::Rays;
         let is_swept = decision.is_swept();
-        let best_facet_px = if is_swept && !world.has_validity() { 1.4 } else { 3.0 };
+        let best_facet_px = if is_swept { 1.4 } else { 3.0 };
         let (facet_px, samples) = match picture.quality.unwrap_or(usual) {
             // What rays through voxels cost grows with pixels: facets of half the area make up for
             // what sampling loses.
             Quality::Default if is_rays && decision.rays == RaysChoice::Coherent => (7.0, 1),
-            // A sweep reads heights in place: facets cost little. In a world with validity the preparer
-            // makes arrays of them.
-            Quality::Default if is_swept => (if world.has_validity() { 5.0 } else { 3.0 }, 1),
+            // A sweep reads heights in place: facets cost little.
+            Quality::Default if is_swept => (3.0, 1),
             Quality::Default => (10.0, 1),
             Quality::Best => (best_facet_px, 4),
             Quality::Finest => (Layout::finest_facet_px(world, pixels(size, rig.as_ref())), 4),

@@ -20,11 +20,11 @@ use terravision_common::surface::facet::{facet_slope, is_south_east};
 use terravision_common::validity::HALF;
 
 /// A ray passes through no more holes. A bound on the loop that holds whatever rounding does.
-const MOST_HOLES: u32 = 1 << 10;
+pub(crate) const MOST_HOLES: u32 = 1 << 10;
 /// Factor on the way to the border, so that the point is still over ground.
-const WITHIN: f32 = 1.0 - 8.0 * f32::EPSILON;
+pub(crate) const WITHIN: f32 = 1.0 - 8.0 * f32::EPSILON;
 /// The bit of a colour's alpha that is cleared where the ground was filled.
-const MARK: u32 = 1 << 24;
+pub(crate) const MARK: u32 = 1 << 24;
 
 /// The surface at the point that a ray hit.
 #[derive(Debug, Clone, Copy)]

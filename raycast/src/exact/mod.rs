@@ -19,7 +19,9 @@ mod projected;
 mod walk;
 
 pub(crate) use column::{CHUNK, Target};
+pub(crate) use entered::{LEAST_BELOW, LEAST_BELOW_M};
 pub(crate) use follow::Follower;
 pub(crate) use highest::HighestSeen;
 pub(crate) use line::ExactRays;
 pub(crate) use projected::Projected;
+pub(crate) use walk::{Side, past};

@@ -351,7 +351,7 @@ impl Ground {
 
     /// Whether some of the added tiles are not wholly measured ground.
     pub(crate) fn is_partly_unmeasured(&self) -> bool {
-        !self.shares.is_empty()
+        !self.shares.is_empty() || self.pyramid().is_some_and(Pyramid::has_unmeasured)
     }
 
     /// Blocks of cells that are steeper than [`super::SLOPE_BOUND`]; all other ground is less

@@ -13,8 +13,11 @@
 //! want them. Where tiles are missing a leaf is drawn by its own level: it meets finer neighbors
 //! with a step.
 
+mod sample;
+
 use super::spec::GroundError;
 use terravision_common::surface::Surface;
+use terravision_common::validity::{HALF, PLANES};
 
 /// From this share of a level on it is blended into the next one.
 const BLEND_FROM: f32 = 0.6;
@@ -47,6 +50,8 @@ pub struct PoolShape {
     pub stride: u32,
     /// Factor on all heights, positive.
     pub exaggeration: f32,
+    /// Whether tiles have planes of validity behind their heights.
+    pub has_validity: bool,
 }
 
 /// Squares of the distances from the eye from which on each level is fine enough, metres².
@@ -96,6 +101,8 @@ struct Node {
 struct Kept {
     generation: u32,
     range_m: [f32; 2],
+    /// Whether it has posts that are not ground, or were not measured.
+    is_partly_unmeasured: bool,
 }
 
 /// Where the ground of a point is taken from.
@@ -154,7 +161,7 @@ impl Pyramid {
             surface,
             levels,
             nodes: Vec::with_capacity(4096),
-            kept: vec![Kept { generation: 0, range_m: [0.0; 2] }; shape.slots as usize],
+            kept: vec![Kept { generation: 0, range_m: [0.0; 2], is_partly_unmeasured: false }; shape.slots as usize],
             // Zeros are memory that the system has not given yet: only slots that are used take any.
             maxima: vec![0.0; shape.slots as usize * blocks],
             least_block,
@@ -170,12 +177,14 @@ impl Pyramid {
     /// whole pool.
     pub(super) fn add(&mut self, tile: &PoolTile, heights: &[f32]) -> Result<(), GroundError> {
         let PoolTile { origin, level, slot, generation } = *tile;
-        let posts = self.surface.cells() as usize + 1;
+        let posts = (self.surface.cells() as usize + 1).pow(2);
         let first = slot as usize * self.shape.stride as usize;
-        let posts = heights.get(first..).and_then(|rest| rest.get(..posts * posts));
-        let (Some(posts), true) = (posts, slot < self.shape.slots) else {
+        let planes = if self.shape.has_validity { PLANES } else { 1 };
+        let numbers = heights.get(first..).and_then(|rest| rest.get(..planes * posts));
+        let (Some(numbers), true) = (numbers, slot < self.shape.slots) else {
             return Err(GroundError::Cells { cells: [self.surface.cells(); 2], heights: heights.len() });
         };
+        let (posts, shares) = numbers.split_at(posts);
         let parent = self.parent_of(origin, level)?;
         if self.kept[slot as usize].generation != generation || generation == 0 {
             let range_m = self.keep(slot as usize, posts);
@@ -183,7 +192,8 @@ impl Pyramid {
                 let index = posts.iter().position(|height| !height.is_finite()).unwrap_or_default();
                 GroundError::Height { origin, index }
             })?;
-            self.kept[slot as usize] = Kept { generation, range_m };
+            let is_partly_unmeasured = shares.iter().any(|share| *share < HALF);
+            self.kept[slot as usize] = Kept { generation, range_m, is_partly_unmeasured };
         }
         let index = self.nodes.len() as u32;
         if let Some((parent, child)) = parent {
@@ -270,6 +280,33 @@ impl Pyramid {
             range = [range[0].min(low), range[1].max(high)];
         }
         range.map(|height| height * self.shape.exaggeration)
+    }
+
+    /// Whether some of its tiles' ground may be a hole, or may have been filled.
+    pub(super) fn has_unmeasured(&self) -> bool {
+        self.nodes.iter().any(|node| self.kept[node.slot as usize].is_partly_unmeasured)
+    }
+
+    /// What is known of a source's tile, and of the one that it is blended into.
+    fn kept_of(&self, source: &TileSource) -> [Kept; 2] {
+        [source.first, source.next_first].map(|first| {
+            let slot = (first / self.shape.stride.max(1)) as usize;
+            self.kept.get(slot).copied().unwrap_or(Kept {
+                generation: 0,
+                range_m: [f32::NEG_INFINITY, f32::INFINITY],
+                is_partly_unmeasured: true,
+            })
+        })
+    }
+
+    /// Where the root's posts begin in the pool; 0 without a root.
+    pub(crate) fn first_of_root(&self) -> u32 {
+        self.nodes.first().map_or(0, |root| root.slot.wrapping_mul(self.shape.stride))
+    }
+
+    /// Whether its tiles have planes of validity.
+    pub(crate) fn has_validity(&self) -> bool {
+        self.shape.has_validity
     }
 
     /// Factor on all heights.

@@ -52,6 +52,8 @@ pub(super) struct Heights<'a> {
     all: &'a [f32],
     /// Factor on them.
     scale: f32,
+    /// Where lanes without a tile read: in a tile of the frame, as all others do.
+    nowhere: u32,
     /// South west corners, metres from the eye, and cells per metre.
     west: Sixteen<f32>,
     south: Sixteen<f32>,
@@ -83,6 +85,7 @@ impl<'a> Heights<'a> {
             scene,
             all: scene.heights,
             scale: scene.pyramid().map_or(1.0, |(pyramid, _)| pyramid.exaggeration()),
+            nowhere: scene.pyramid().map_or(0, |(pyramid, _)| pyramid.first_of_root()),
             west: [0.0; LANES],
             south: [0.0; LANES],
             per_m: [1.0; LANES],
@@ -251,7 +254,7 @@ impl<'a> Heights<'a> {
         self.per_m[k] = 1.0 / side.max_element();
         self.columns[k] = 1.0;
         self.rows[k] = 1.0;
-        self.first[k] = 0;
+        self.first[k] = self.nowhere;
         self.stride[k] = 0;
         self.base[k] = NOTHING;
         self.from2[k] = f32::NEG_INFINITY;

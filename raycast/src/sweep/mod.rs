@@ -19,13 +19,16 @@
 //! vectors of sixteen numbers (`terravision_common::simd`), done by the widest instructions that the processor
 //! has ([`Instructions`]), with the same bits by all of them.
 
+mod border;
 mod edges;
 mod fan;
 mod heights;
+mod holes;
 mod sector;
 mod shade;
 mod stretch;
 mod strip;
+mod surface;
 #[cfg(test)]
 mod tests;
 mod texels;
@@ -35,6 +38,7 @@ use crate::counts::Counts;
 use crate::scene::Scene;
 use crate::shade::Canvas;
 use crate::workers::Workers;
+pub use border::EdgeStretch;
 use fan::{Block, Fan};
 use sector::{Row, Sector};
 use shade::Shader;
@@ -42,6 +46,7 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use strip::{LINES, Strip};
+use surface::Surface;
 use terravision_common::camera::Camera;
 use terravision_common::simd::{Instructions, LANES, Simd, Work};
 use trace::Tracer;
@@ -207,6 +212,14 @@ fn strips_of(count: usize) -> impl Iterator<Item = Range<usize>> {
         first = blocks.end;
         (!blocks.is_empty()).then_some(blocks)
     })
+}
+
+/// The edge of a scene's ground along the west, east, south or north side of the world (0 to 3),
+/// where its heights are in place.
+pub(crate) fn edge(scene: &Scene<'_>, side: usize, has_validity: bool, put: &mut dyn FnMut(EdgeStretch)) {
+    if let Some(surface) = Surface::new(scene) {
+        surface.edge(side, has_validity, put);
+    }
 }
 
 /// A strip to be swept and shaded.

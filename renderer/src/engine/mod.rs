@@ -23,7 +23,9 @@ use crate::pixels::Pixels;
 use crate::source::{FrameSource, Pools};
 use std::fmt::Debug;
 use std::time::Duration;
+use terravision_common::camera::Camera;
 use terravision_common::run::TechniqueChoice;
+use terravision_raycast::EdgeStretch;
 
 /// What draws.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -70,6 +72,11 @@ pub trait Engine: Debug {
     /// # Errors
     /// The device was lost, or the validation layer said something.
     fn poll(&mut self, timeout: Duration) -> Result<Option<Finished>, EngineError>;
+
+    /// The edge of the ground along the west, east, south or north side of the world (0 to 3), as a
+    /// camera sees it of the frame that was taken in last, where that frame's heights are in place:
+    /// stretches in order, from the south or west.
+    fn edge(&mut self, _camera: &Camera, _pools: &dyn Pools, _side: usize, _put: &mut dyn FnMut(EdgeStretch)) {}
 
     /// Whether the validation layer has been silent, where there is one.
     ///

@@ -9,6 +9,7 @@ use crate::pixels::{Pixels, Raster};
 use crate::source::{ElevationPoolShape, FrameSource, Pools, SourceShape};
 use crate::technique::{BlockReader, NEAR_M, outline_of};
 use std::time::Duration;
+use terravision_common::camera::Camera;
 use terravision_common::event::monotonic_nanos;
 use terravision_common::run::{RaysChoice, TechniqueChoice, UNDECIDED_RAYS as UNDECIDED};
 use terravision_common::simd::Instructions;
@@ -17,7 +18,7 @@ use terravision_raycast::Sampling;
 use terravision_raycast::model::world::ground_shape;
 use terravision_raycast::model::{Detail, Filter, Ground, GroundError, PoolShape, PoolTile};
 use terravision_raycast::workers::Workers;
-use terravision_raycast::{CastOptions, CastTask, Caster, Method, Picture, SweepDetail};
+use terravision_raycast::{CastOptions, CastTask, Caster, EdgeStretch, Method, Picture, SweepDetail};
 
 /// Frames before both methods are tried on one: they take memory, and are slower than later ones.
 const WARM_UP: u32 = 2;
@@ -49,6 +50,8 @@ pub struct RaysEngine {
     /// Of each tile the colour of its outline, where outlines are wanted.
     outlines: Vec<u32>,
     finished: Option<Finished>,
+    /// How densely a sweep samples the frame that was cast last.
+    detail: SweepDetail,
     /// Of the frame that was cast last.
     costs: DrawCosts,
     choice: Choice,
@@ -150,7 +153,8 @@ impl RaysEngine {
             [None, Some(Filter::OrientedBox)].map(|filter| Ground::new(ground_shape(&world, filter)));
         if let Some(ElevationPoolShape { slots, stride }) = elevation_pool {
             let exaggeration = options.exaggeration as f32;
-            heights = heights.with_pool(PoolShape { slots, stride, exaggeration });
+            let has_validity = world.has_validity();
+            heights = heights.with_pool(PoolShape { slots, stride, exaggeration, has_validity });
         }
         Ok(Self {
             caster: Caster::new(options.workers)?,
@@ -160,6 +164,7 @@ impl RaysEngine {
             layers: Vec::with_capacity(4096),
             outlines: Vec::with_capacity(4096),
             finished: None,
+            detail: SweepDetail::DEFAULT,
             costs: DrawCosts::default(),
             choice: Choice::of(options.rays),
             has_holes: world.has_holes(),
@@ -215,6 +220,11 @@ impl Engine for RaysEngine {
     fn poll(&mut self, _timeout: Duration) -> Result<Option<Finished>, EngineError> {
         Ok(self.finished.take())
     }
+
+    fn edge(&mut self, camera: &Camera, pools: &dyn Pools, side: usize, put: &mut dyn FnMut(EdgeStretch)) {
+        let [ground, _] = &self.grounds;
+        self.caster.edge(ground, pools.elevation_pool(), camera, self.detail.post_px, side, put);
+    }
 }
 
 impl RaysEngine {
@@ -253,10 +263,11 @@ impl RaysEngine {
             // Nobody sees more.
             voxel_px: 1.0,
         };
+        self.detail = SweepDetail::for_facets(frame.marker.r_z_px as f32);
         let options = CastOptions {
             method,
             sampling,
-            sweep: SweepDetail::for_facets(frame.marker.r_z_px as f32),
+            sweep: self.detail,
             sky_rgb: self.options.sky_rgb,
             has_undersides: self.has_holes,
             ..CastOptions::default()

@@ -214,16 +214,16 @@ impl<'a> FrameLoop<'a> {
         let pixels = self.wait_for_room(observe)?;
         self.wait_for_frame(observe)?;
         let started = self.record_started;
-        let borders = match &mut self.skirt {
-            Some(skirt) => skirt.borders(self.reader.frame(), self.source)?,
-            None => Vec::new(),
-        };
-        self.borders.push_back(borders);
         let submitted = self.engine.submit(self.reader.frame(), self.source, pixels);
         if matches!(submitted, Err(EngineError::Draw { source: DrawError::Frame { .. } })) {
             self.source.count(Counter::SlotsRejected, 1);
         }
         let submitted = submitted?;
+        let borders = match &mut self.skirt {
+            Some(skirt) => skirt.borders(self.reader.frame(), self.source, &mut *self.engine)?,
+            None => Vec::new(),
+        };
+        self.borders.push_back(borders);
         let frame = self.reader.frame().number();
         telemetry::tell_of_recording(self.source, frame, started, &submitted);
         self.summary.uploads += u64::from(submitted.uploads);

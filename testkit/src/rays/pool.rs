@@ -75,8 +75,12 @@ impl PooledField {
             color: ColorLayout { side: self.levels[0].cells as u32, mips: 1 },
             filter: None,
         };
-        let pool =
-            PoolShape { slots: self.slots() as u32, stride: STRIDE as u32, exaggeration: self.exaggeration as f32 };
+        let pool = PoolShape {
+            slots: self.slots() as u32,
+            stride: STRIDE as u32,
+            exaggeration: self.exaggeration as f32,
+            has_validity: false,
+        };
         Ground::new(shape).with_pool(pool)
     }
 

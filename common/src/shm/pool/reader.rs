@@ -77,18 +77,29 @@ impl PoolReader {
         (self.segment.geometry().stride / 4) as u32
     }
 
-    /// All slots as numbers, one behind the other, [`PoolReader::stride_f32`] apart.
+    /// All slots as numbers, one behind the other, [`PoolReader::stride_f32`] apart: the table that
+    /// vector instructions gather from, each lane out of another tile.
     ///
     /// Only the numbers of slots that a frame names which is not completed, of the generation that
-    /// it names, are those of a tile, and do not change: read no others.
+    /// it names, are those of a tile, and do not change: load no others, and do not look at the
+    /// slice as a whole.
+    ///
+    /// This is the one slice that reaches beyond what its reader may load. A slice for each slot, or
+    /// atomic loads, would have every lane looked up and loaded by itself, which is what gathering
+    /// saves. It stays within the rule that nobody reads what a peer may be writing, since a reader
+    /// forms each place from a slot whose key it has checked and from a place within that slot, and
+    /// checks all keys again after the last load ([`PoolReader::bytes`]): a picture of a slot that was
+    /// refilled is not shown.
     #[must_use]
     pub fn all_f32(&self) -> &[f32] {
         let geometry = self.segment.geometry();
         let len = geometry.capacity * geometry.stride / 4;
-        // SAFETY: slots that frames in flight name are published and not refilled, as in
-        // `PoolReader::bytes`. Others may be filled by the prefetcher while this slice lives: by the
-        // protocol above nobody loads a number of theirs, any bits are a number, and no length or
-        // index is taken from them.
+        // SAFETY: the range lies within the mapping, which outlives the slice, and any bits are a
+        // number. Slots that frames in flight name are published (SYNC pool.publish) and not refilled,
+        // as in `PoolReader::bytes`, so what is loaded by the contract above does not change. What
+        // changes is written by the prefetcher, another process, and is not loaded: no value, length or
+        // index comes from it. A reader that broke the contract would see other numbers, and no other
+        // memory: places are bounded by the length of the slice.
         unsafe { self.segment.region().slice(geometry.data_offset, len) }
     }
 

@@ -17,7 +17,7 @@ fn pool(tiles: usize, seed: &mut u64) -> Vec<f32> {
 }
 
 fn empty(slots: u32, exaggeration: f32) -> Pyramid {
-    let shape = PoolShape { slots, stride: STRIDE, exaggeration };
+    let shape = PoolShape { slots, stride: STRIDE, exaggeration, has_validity: false };
     Pyramid::new(shape, Surface::new(10.0, [u32::MAX; 2], CELLS), LEVELS)
 }
 
