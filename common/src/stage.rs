@@ -272,8 +272,9 @@ mod tests {
             },
             "prefetch": { "prediction": "off", "has_retries": false },
             "render": {
-                "sky_rgb": [1, 2, 3], "samples": 1, "has_tree_overlay": false, "has_validation": false,
+                "technique": "mesh", "technique_reason": "asked for", "rays": "sweep", "sky_rgb": [1, 2, 3], "samples": 1, "has_tree_overlay": false, "has_validation": false,
                 "frames_in_flight": 2, "sink": "null", "depth": [], "ground": [],
+                "anaglyph": false,
             },
         });
         change(&mut run);

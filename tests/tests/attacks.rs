@@ -72,7 +72,7 @@ fn segments_of_a_run_that_are_cut_are_told() {
     for kind in ["ring", "color-pool", "ping-pong", "control", "events-renderer"] {
         let folder = TestFolder::new("cut-run");
         let out = folder.join("a/");
-        let mut flight = fly(&["--path", "orbit", "--quality", "best", "-o"]).arg(&out).spawn();
+        let mut flight = fly(&["--path", "orbit", "--technique", "mesh", "--quality", "best", "-o"]).arg(&out).spawn();
         flight.until("a frame", |_| out.join("frame-000001.png").exists().then_some(()));
         let all = pids(&flight);
         let segments = segments_of_launcher(flight.pid());
@@ -106,7 +106,7 @@ fn the_renderer_treats_signals_as_the_other_stages_do() {
 
         let folder = TestFolder::new("signals-term");
         let out = folder.join("a/");
-        let mut flight = fly(&["--path", "orbit", "--quality", "best", "-o"]).arg(&out).spawn();
+        let mut flight = fly(&["--path", "orbit", "--technique", "mesh", "--quality", "best", "-o"]).arg(&out).spawn();
         let pid = flight.stage(stage);
         flight.until("a frame", |_| out.join("frame-000001.png").exists().then_some(()));
         let all = pids(&flight);

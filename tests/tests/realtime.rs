@@ -165,7 +165,7 @@ fn flags_of_real_time_are_refused_in_exact_mode_and_when_they_contradict() {
     for (flags, expected) in [
         (&["--feedback", "off"][..], "--feedback applies to --mode realtime"),
         (&["--rest-facet-px", "2"], "--rest-facet-px applies to --mode realtime"),
-        (&["--mode", "realtime", "--coarsest-facet-px", "5"], "no less than what is wanted"),
+        (&["--mode", "realtime", "--coarsest-facet-px", "2"], "no less than what is wanted"),
         (&["--mode", "realtime", "--rest-texel-px", "2"], "what is wanted"),
         (&["--prediction", "linear"], "--prediction applies to --mode realtime"),
         (&["--prediction", "oracle", "--camera", "udp:127.0.0.1:0"], "needs a path that is known in advance"),

@@ -6,7 +6,7 @@ use anyhow::{Context, bail};
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-/// Flights of so many frames: what the second one takes longer is the cost of the frames that it has
+/// Flights of this many frames: what the second one takes longer is the cost of the frames that it has
 /// more, without that of the start.
 const FRAMES: [u32; 2] = [20, 80];
 /// Of the times in /proc/PID/stat: USER_HZ, on all processors that there are programs for.
