@@ -99,7 +99,7 @@ mod tests {
         assert_eq!(open[0], "mesh: there is a GPU");
         assert_eq!(open[1], "rays: there is no GPU, only a Vulkan device in software");
         assert_eq!(open[2], "rays: there is no Vulkan device that can be used");
-        // A mesh needs a device, whoever asks for it.
+        // A mesh needs a device no matter who asks for it.
         let mesh_only = Asked { mesh_only: Some("it has samples"), ..Asked::default() };
         let found = DEVICES.map(|device| of(mesh_only, device));
         assert_eq!(found, ["mesh: it has samples", "mesh: it has samples", &open[2]]);
