@@ -36,7 +36,7 @@ pub struct ServeArgs {
     /// Nobody moves the camera or changes settings
     #[arg(long)]
     pub read_only: bool,
-    /// Pages of this origin may show the page in a frame, e.g. https://example.org
+    /// Pages of this origin may show the page in a frame, e.g. `https://example.org`
     #[arg(long, value_name = "ORIGIN")]
     pub allow_embed: Vec<String>,
     /// Frames per second to hold [default: 30]
