@@ -53,7 +53,7 @@ fn without_a_vulkan_device_rays_are_swept_as_without_a_gpu() {
     let folder = TestFolder::new("no-vulkan");
     let finished = without_vulkan(shot.command(&folder)).run();
     finished.assert_code(0);
-    // It is no exception: the report says why.
+    // Nothing out of the ordinary: the report says why.
     assert!(!finished.stderr.contains("warning"), "{}", finished.stderr);
     let report = read_report(&folder);
     assert_eq!((&report["technique"], &report["settings"]["facet_px"]), (&"rays".into(), &3.0.into()));

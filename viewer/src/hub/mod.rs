@@ -25,7 +25,7 @@ use terravision_common::viewer::{
     FlightNews, FlightState, FromViewer, SIDES_PX, StreamSettings, ViewerPose, ViewerSetup,
 };
 use tokio::sync::{Semaphore, broadcast, watch};
-use wishes::{MOST_PIXELS, Wish};
+use wishes::{FlightOrder, MOST_PIXELS};
 
 /// Number of the protocol.
 pub(crate) const PROTOCOL: u32 = 1;
@@ -105,7 +105,7 @@ pub(crate) struct Hub {
     /// `state` of the protocol, as text.
     pub(crate) state: watch::Sender<Arc<str>>,
     pub(crate) flight: watch::Sender<FlightNews>,
-    pub(crate) wish: watch::Sender<Option<Wish>>,
+    pub(crate) wish: watch::Sender<Option<FlightOrder>>,
     /// Metrics of the flight by name, or null.
     pub(crate) flight_metrics: watch::Sender<Value>,
     pub(crate) ending: watch::Sender<bool>,
@@ -285,10 +285,10 @@ impl Hub {
         self.change_wish(|wish| wish.size = size);
     }
 
-    fn change_wish(&self, change: impl FnOnce(&mut Wish)) {
+    fn change_wish(&self, change: impl FnOnce(&mut FlightOrder)) {
         let flight = self.flight.borrow().clone();
         self.wish.send_if_modified(|wish| {
-            let mut new = wish.clone().unwrap_or(Wish { size: flight.size, settings: flight.settings });
+            let mut new = wish.clone().unwrap_or(FlightOrder { size: flight.size, settings: flight.settings });
             change(&mut new);
             let is_new = wish.as_ref() != Some(&new);
             *wish = Some(new);
@@ -300,7 +300,7 @@ impl Hub {
     /// does not repeat it.
     pub(crate) fn forget_wish(&self, size: [u32; 2], settings: StreamSettings) {
         self.wish.send_if_modified(|wish| {
-            *wish = Some(Wish { size, settings });
+            *wish = Some(FlightOrder { size, settings });
             // The launcher knows.
             false
         });

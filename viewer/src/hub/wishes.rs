@@ -13,7 +13,7 @@ pub(crate) const MOST_PIXELS: u32 = 1920 * 1088;
 
 /// How the flight is to be flown.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Wish {
+pub(crate) struct FlightOrder {
     /// Size of its pictures, pixels.
     pub(crate) size: [u32; 2],
     /// How it draws.
@@ -27,7 +27,7 @@ pub(crate) async fn tell_launcher(hub: Arc<Hub>) {
         while let Ok(Ok(())) = tokio::time::timeout(SETTLES_AFTER, wishes.changed()).await {}
         let wish = wishes.borrow_and_update().clone();
         // The launcher knows whether that is how it flies, or is about to.
-        if let Some(Wish { size, settings }) = wish {
+        if let Some(FlightOrder { size, settings }) = wish {
             hub.link.tell(&FromViewer::Fly { size, settings });
         }
     }
