@@ -48,12 +48,13 @@ class Frames:
             slot = self.first + (number - 1) % self.slots * self.stride
             if struct.unpack_from("<Q", self.memory, slot)[0] != 2 * number:
                 continue
-            names = "frame published camera t x y z heading pitch roll vfov flags".split()
-            frame = dict(zip(names, struct.unpack_from("<3Q8dQ", self.memory, slot + 8)), number=number)
-            frame["rgba"] = self._plane(slot, self.color, np.uint8, 4)
+            names = "frame published camera t x y z heading pitch roll vfov flags width height".split()
+            frame = dict(zip(names, struct.unpack_from("<3Q8dQ2I", self.memory, slot + 8)), number=number)
+            size = min(frame["height"], self.height), min(frame["width"], self.width)
+            frame["rgba"] = self._plane(slot, self.color, size, np.uint8, 4)
             frame["is_made_up"] = frame["rgba"][..., 3] & 1 == 0
-            frame["depth"] = self._plane(slot, self.depth, np.float32, 1)
-            frame["ground"] = self._plane(slot, self.ground, np.float64, 3)
+            frame["depth"] = self._plane(slot, self.depth, size, np.float32, 1)
+            frame["ground"] = self._plane(slot, self.ground, size, np.float64, 3)
             if struct.unpack_from("<Q", self.memory, slot)[0] == 2 * number:
                 return frame
 
@@ -69,11 +70,11 @@ class Frames:
             time.sleep(0.0005)
         raise TimeoutError(f"no frame of the pose of time {t}" + (": the flight has ended" if self.is_ended() else ""))
 
-    def _plane(self, slot, offset, kind, channels):
+    def _plane(self, slot, offset, size, kind, channels):
         if not offset:
             return None
-        plane = np.frombuffer(self.memory, kind, self.width * self.height * channels, slot + offset)
-        return plane.reshape(self.height, self.width, channels).squeeze().copy()
+        plane = np.frombuffer(self.memory, kind, size[0] * size[1] * channels, slot + offset)
+        return plane.reshape(*size, channels).squeeze().copy()
 
 
 class Camera:
@@ -82,12 +83,12 @@ class Camera:
     def __init__(self, name, timeout=30.0):
         self.memory = _open(f"{name}-camera", b"TVCAMERA", timeout, mmap.PROT_READ | mmap.PROT_WRITE)
 
-    def send(self, t, x, y, z, heading, pitch, roll=0.0, vfov=0.0, end=False):
-        """Replaces the pose; t has to grow. vfov 0 is that of the flight."""
+    def send(self, t, x, y, z, heading, pitch, roll=0.0, vfov=0.0, end=False, size=(0, 0)):
+        """Replaces the pose; t has to grow. vfov 0 and size (0, 0) are those of the flight."""
         self.refused_before, self.sent = self.answers()[1], (x, y, z, heading, pitch, roll, vfov, t)
         odd = (struct.unpack_from("<Q", self.memory, 64)[0] + 1) | 1
         struct.pack_into("<Q", self.memory, 64, odd)
-        struct.pack_into("<8dQ", self.memory, 72, x, y, z, heading, pitch, roll, vfov, t, end)
+        struct.pack_into("<8dQ2I", self.memory, 72, x, y, z, heading, pitch, roll, vfov, t, end, *size)
         struct.pack_into("<Q", self.memory, 64, odd + 1)
 
     def end(self):

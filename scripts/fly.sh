@@ -26,7 +26,10 @@ scripts/setup.sh
 PATH=$HOME/.cargo/bin:$PATH
 
 say 'building (the first time takes some minutes)'
-cargo build --release --locked --bins
+# Where there is a display, terravision view opens a window on it.
+features=()
+[[ -n ${DISPLAY:-}${WAYLAND_DISPLAY:-} ]] && features=(--features window)
+cargo build --release --locked --bins "${features[@]}"
 target=${CARGO_TARGET_DIR:-target}/release
 terravision=$target/terravision
 

@@ -39,8 +39,9 @@ check_packages() {
     need curl 'fetches Rust, which is missing or too old' command -v curl
     need ca-certificates 'fetches Rust, which is missing or too old' test -e /etc/ssl/certs/ca-certificates.crt
   fi
-  need pkg-config 'finds GDAL when ingest is built' command -v pkg-config
+  need pkg-config 'finds libraries when TerraVision is built' command -v pkg-config
   need libgdal-dev 'reads rasters of all kinds (ingest)' pkg-config --exists gdal
+  need libturbojpeg0-dev 'encodes pictures for browsers (viewer)' pkg-config --exists libturbojpeg
   need libvulkan1 'the Vulkan loader (renderer)' has_library 'libvulkan\.so\.1'
   need mesa-vulkan-drivers 'a Vulkan device without a GPU: lavapipe (renderer)' has_vulkan_driver
   need ffmpeg 'makes films (fly -o film.mp4)' command -v ffmpeg
@@ -53,6 +54,12 @@ check_packages() {
   if [[ $1 == tests ]]; then
     need gdal-bin 'crops a raster of the whole globe (tests of real data)' command -v gdal_translate
     need vulkan-validationlayers 'checks every use of Vulkan in the tests' has_validation_layer
+    need xvfb 'a screen that nobody sees, for the tests of the window' command -v Xvfb
+    need weston 'a desktop of Wayland that nobody sees, for the tests of the window' command -v weston
+    need libxcursor1 'the window (tests)' has_library 'libXcursor\.so\.1'
+    need libxi6 'the window (tests)' has_library 'libXi\.so\.6'
+    need libwayland-client0 'the window (tests)' has_library 'libwayland-client\.so\.0'
+    need libxkbcommon-x11-0 'the window (tests)' has_library 'libxkbcommon-x11\.so\.0'
     need python3-numpy 'reads and steers flights from Python (examples)' has_python_module numpy
     need python3-pil 'saves what flights from Python see (examples)' has_python_module PIL
   fi

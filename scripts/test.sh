@@ -7,7 +7,8 @@
 #                  the output of each round is kept in target/repeat/
 #   --under-load   with a busy loop for each core beside it: a test must not depend on who is faster
 #
-#   TERRAVISION_NEEDS_BROWSER=1  fails when there is no browser, or no node, for the tests of the page; without it they are left out
+#   TERRAVISION_NEEDS_BROWSER=1  fails when there is no browser, or no node, for the tests of the page, or no Xvfb or Weston for those
+#                  of the window; without it they are left out
 #   TERRAVISION_DATA  folder of real data sets; tests of real data say so and pass when it is not set
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."

@@ -7,12 +7,22 @@ use clap::Parser;
 use std::process::ExitCode;
 use terravision_bench::cli::{Cli, Verb};
 use terravision_bench::{queues, realtime, run};
+use terravision_common::terminal::{complain, usage_sentence};
 
 fn main() -> ExitCode {
     terravision_common::bug::report_panics("terravision bench: ");
-    let cli = Cli::parse();
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        // Help and the like.
+        Err(error) if !error.use_stderr() => error.exit(),
+        Err(error) => {
+            let sentence = usage_sentence(&error.to_string(), "terravision bench --help");
+            complain(&format!("terravision bench: {sentence}"));
+            return ExitCode::from(2);
+        }
+    };
     if let Err(error) = terravision_common::log::start(cli.log.as_deref()) {
-        terravision_common::terminal::complain(&format!("terravision bench: --log: {error}"));
+        complain(&format!("terravision bench: --log: {error}"));
         return ExitCode::from(2);
     }
     let result = match &cli.verb {
@@ -23,7 +33,7 @@ fn main() -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            terravision_common::terminal::complain(&format!("terravision bench: {error:#}"));
+            complain(&format!("terravision bench: {error:#}"));
             ExitCode::FAILURE
         }
     }

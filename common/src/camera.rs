@@ -65,6 +65,16 @@ pub struct Camera {
     lens_shift_px: f64,
 }
 
+/// A step of a path that is this many times as long as those before and after it is a cut.
+const CUT: f64 = 8.0;
+
+/// Whether a path is cut between two of its frames: the eye's way from one to the other is far
+/// longer than the ways before and after it, metres.
+#[must_use]
+pub fn is_cut(way_m: f64, around_m: [f64; 2]) -> bool {
+    way_m > CUT * around_m[0].max(around_m[1]) + 1.0
+}
+
 /// The plane of depth 1, on which a picture lies: x right, y up, 0 on the line of sight.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PicturePlane {

@@ -14,6 +14,7 @@
 //! * [`rate`]: feedback from frame times to screen resolutions.
 //! * [`film`]: what renderer and launcher share about films. [`texels`]: formats of colour tiles in
 //!   the pool, block-compressed or not.
+//! * [`light`]: light and air. [`tint`]: colours by height, of a world without a picture.
 //! * [`top_levels`]: tiles that are never evicted. [`synthetic`]: a terrain for tests and benches.
 //! * [`files`]: safe handling of files that other users may have prepared. [`terminal`]: foreign
 //!   text on a terminal. [`bug`]: reports of panics.
@@ -30,6 +31,7 @@ pub mod files;
 pub mod film;
 pub mod ids;
 pub mod level;
+pub mod light;
 #[cfg(not(loom))]
 pub mod log;
 pub mod lonlat;
@@ -52,6 +54,7 @@ pub mod technique;
 pub mod terminal;
 pub mod texels;
 pub mod threads;
+pub mod tint;
 pub mod top_levels;
 pub mod traversal;
 pub mod tree;

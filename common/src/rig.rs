@@ -14,6 +14,11 @@ use std::ops::Deref;
 /// Most views of a frame: the faces of a cube.
 pub const MAX_VIEWS: usize = 6;
 
+/// Eyes of a stereo pair are this share of the distance apart at which their pictures meet, if
+/// nothing else is said: what is infinitely far is then seen a thirtieth of that distance apart,
+/// which eyes still fuse on a screen.
+pub const USUAL_SEPARATION: f64 = 1.0 / 30.0;
+
 /// A camera whose forward axis is this close to the vertical has no defined heading (sine of the
 /// angle).
 const VERTICAL: f64 = 1e-9;

@@ -1,13 +1,18 @@
 //! The configuration of a run, which the launcher passes to each stage: one JSON object, `--run` on
 //! the stage's command line.
+//!
+//! Circle with `viewer`: a window begins at a pose as viewers have it, and viewers are told of a
+//! database as stages are.
 
 use crate::camera::{Camera, CameraError};
 use crate::film::FrameEncoding;
 use crate::ids::FrameNumber;
 use crate::level::Measure;
+use crate::light::{AirConfig, LightConfig};
 use crate::rate::RateSettings;
 use crate::rig::{Rig, Views};
 use crate::texels::TexelFormat;
+use crate::viewer::ViewerPose;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -51,6 +56,9 @@ pub struct RunConfig {
     pub decoder_threads: u32,
     /// Options of the prefetcher.
     pub prefetch: PrefetchConfig,
+    /// What colour tiles are lit with; `None`: they stay as they are stored.
+    #[serde(default)]
+    pub light: Option<LightConfig>,
     /// Options of the renderer, and the outputs of frames.
     pub render: RenderConfig,
     /// Options of a real-time flight; `None` in exact mode, in which every frame waits for all its
@@ -222,6 +230,9 @@ pub struct RenderConfig {
     pub rays: RaysChoice,
     /// Colour of the sky, 8 bit RGB.
     pub sky_rgb: [u8; 3],
+    /// Haze, and a sky with a gradient; `None`: the sky has one colour.
+    #[serde(default)]
+    pub air: Option<AirConfig>,
     /// Samples per pixel: 1 or 4.
     pub samples: u32,
     /// Height of the world's lowest ground, exaggerated, metres: skirts at the world's border reach
@@ -247,12 +258,32 @@ pub struct RenderConfig {
     /// Also write every frame to a frame ring, for other programs.
     #[serde(default)]
     pub share: Option<ShareConfig>,
+    /// Also show every frame in a window, in which a person flies.
+    #[serde(default)]
+    pub window: Option<WindowConfig>,
     /// Values of depth and ground where the ground was made up.
     #[serde(default)]
     pub made_up: MadeUp,
+    /// What is burnt into files and streams; `None`: nothing.
+    #[serde(default)]
+    pub labels: Option<LabelsConfig>,
     /// Two views are put out as one picture for glasses, red at the left eye and cyan at the right
     /// one.
     pub anaglyph: bool,
+}
+
+/// Labels of pictures.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LabelsConfig {
+    /// A line of text.
+    pub text: Option<String>,
+    /// How long a distance is, where the middle of the picture is.
+    pub has_scale_bar: bool,
+    /// An arrow to grid north.
+    pub has_north_arrow: bool,
+    /// The time since the first frame of the flight's path.
+    pub has_clock: bool,
 }
 
 impl RenderConfig {
@@ -366,6 +397,42 @@ pub struct ShareConfig {
     pub has_depth: bool,
     /// Ground position of every pixel.
     pub has_ground: bool,
+}
+
+/// Options of a window: frames are shown, and poses come from the person before it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WindowConfig {
+    /// The name of the segment of poses (see `shm::SharedName`).
+    pub name: String,
+    /// What stands in its title bar.
+    pub title: String,
+    /// Where the camera is when nobody has moved it.
+    pub start: ViewerPose,
+    /// Its first width and height, in the desktop's pixels.
+    pub size: [u32; 2],
+    /// It begins as large as the screen.
+    pub is_full_screen: bool,
+    /// Pictures are shown between two refreshes of the screen only.
+    pub has_vsync: bool,
+    /// Pixels of the picture for each of the window's, along a side.
+    pub scale: f64,
+    /// Whether the picture's size follows the window's.
+    pub has_sizes: bool,
+    /// The path that the window plays, if there is one.
+    #[serde(default)]
+    pub path: Option<WindowPath>,
+}
+
+/// A path for a window: a pose for each of its frames.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WindowPath {
+    /// A file with its poses, as [`crate::viewer::poses_to_bytes`] writes them. The launcher has it
+    /// as long as it lives.
+    pub file: PathBuf,
+    /// Frames in a second.
+    pub fps: f64,
 }
 
 /// The output of finished frames.

@@ -77,6 +77,16 @@ pub fn complain(line: &str) {
     drop(std::io::stderr().write_all(format!("{}\n", printable(line)).as_bytes()));
 }
 
+/// What is wrong with a command line, as one sentence: the first paragraph of the parser's message.
+/// Its usage lines are what `help`, a command, prints.
+#[must_use]
+pub fn usage_sentence(message: &str, help: &str) -> String {
+    let first = message.split("\n\n").next().unwrap_or(message);
+    let message = first.split_whitespace().collect::<Vec<_>>().join(" ");
+    let message = message.strip_prefix("error: ").unwrap_or(&message);
+    format!("{message} (see {help})")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -2,7 +2,12 @@
 //! over a socket pair that is the viewer's standard output. Its standard input is the listening
 //! socket, which the launcher keeps: a viewer that died is replaced on the same port.
 
+mod settings;
+
+pub use settings::{SIDE_BY_SIDE, StreamSettings};
+
 use crate::run::DatabaseConfig;
+use bytemuck::{Pod, Zeroable};
 use serde::{Deserialize, Serialize};
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -12,8 +17,14 @@ pub const MOST_LINE_BYTES: u64 = 1 << 20;
 /// Smallest and largest side of the stream's pictures, pixels.
 pub const SIDES_PX: [u32; 2] = [64, 4096];
 
+/// Environment of the viewer's process: memory of pictures goes back to the system when it is free.
+/// How many are held at a time depends on how slow clients are, and glibc would keep the most there
+/// ever were. Programs that it starts are not to inherit it.
+pub const VIEWER_ENVIRONMENT: [(&str, &str); 2] = [("MALLOC_MMAP_THRESHOLD_", "262144"), ("MALLOC_ARENA_MAX", "2")];
+
 /// A pose as people type it: degrees, metres, the world's CRS.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, Pod, Zeroable)]
+#[repr(C)]
 pub struct ViewerPose {
     /// Easting.
     pub x: f64,
@@ -57,70 +68,16 @@ impl ViewerPose {
     }
 }
 
-/// How the flight draws, where it is not left to TerraVision.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default)]
-pub struct StreamSettings {
-    /// `--facet-px`.
-    pub facet_px: Option<f64>,
-    /// `--texel-px`.
-    pub texel_px: Option<f64>,
-    /// `--fps`.
-    pub fps: Option<f64>,
-    /// `--technique`; "auto" or `None` for the usual one.
-    pub technique: Option<String>,
-    /// `--exaggeration`.
-    pub exaggeration: Option<f64>,
-    /// `--overlay`; "none" or `None` for none.
-    pub overlay: Option<String>,
+/// Poses as bytes, for another process of this machine.
+#[must_use]
+pub fn poses_to_bytes(poses: &[ViewerPose]) -> &[u8] {
+    bytemuck::cast_slice(poses)
 }
 
-impl StreamSettings {
-    /// What is wrong with them, in a sentence; `None` where a flight can be started with them.
-    #[must_use]
-    pub fn fault(&self) -> Option<String> {
-        let numbers = [
-            ("facet_px", self.facet_px, [0.5, 100.0]),
-            ("texel_px", self.texel_px, [0.25, 32.0]),
-            ("fps", self.fps, [1.0, 60.0]),
-            ("exaggeration", self.exaggeration, [0.0, 100.0]),
-        ];
-        let number = numbers.into_iter().find_map(|(name, value, [low, high])| {
-            let found = value.filter(|value| !(low..=high).contains(value))?;
-            Some(format!("{name}: expected a number from {low} to {high}, found {found}"))
-        });
-        let words = [
-            ("technique", &self.technique, &["auto", "mesh", "rays"][..]),
-            ("overlay", &self.overlay, &["none", "tree"][..]),
-        ];
-        number.or_else(|| {
-            words.into_iter().find_map(|(name, value, known)| {
-                let found = value.as_ref().filter(|value| !known.contains(&value.as_str()))?;
-                Some(format!("{name}: expected one of {}, found {found:?}", known.join(", ")))
-            })
-        })
-    }
-
-    /// Their flags of the command line: with `fps`, those of a flight.
-    #[must_use]
-    pub fn flags(&self) -> Vec<String> {
-        let mut flags = self.picture_flags();
-        let finest = [("--facet-px", self.facet_px), ("--texel-px", self.texel_px), ("--fps", self.fps)];
-        for (flag, value) in finest {
-            flags.extend(value.into_iter().flat_map(|value| [flag.to_owned(), value.to_string()]));
-        }
-        flags
-    }
-
-    /// The flags of what the finest picture shows, too.
-    #[must_use]
-    pub fn picture_flags(&self) -> Vec<String> {
-        let technique = self.technique.clone().filter(|technique| technique != "auto");
-        let overlay = self.overlay.clone().filter(|overlay| overlay != "none");
-        let exaggeration = self.exaggeration.map(|factor| factor.to_string());
-        let all = [("--technique", technique), ("--exaggeration", exaggeration), ("--overlay", overlay)];
-        all.into_iter().flat_map(|(flag, value)| value.map(|value| [flag.to_owned(), value])).flatten().collect()
-    }
+/// The poses in these bytes, of which nothing is known.
+#[must_use]
+pub fn poses_from_bytes(bytes: &[u8]) -> Vec<ViewerPose> {
+    bytes.chunks_exact(size_of::<ViewerPose>()).map(bytemuck::pod_read_unaligned).collect()
 }
 
 /// What a viewer is told when it starts.
@@ -134,10 +91,14 @@ pub struct ViewerSetup {
     pub database: DatabaseConfig,
     /// Flags of the command line that a still has in common with the flight.
     pub still_flags: Vec<String>,
+    /// Those of them that say how the database is read.
+    pub database_flags: Vec<String>,
     /// The folder of all programs.
     pub programs: PathBuf,
     /// A folder for files of a moment, which the launcher removes in the end.
     pub scratch: PathBuf,
+    /// Most bytes that films may take.
+    pub film_bytes: u64,
     /// What every client has to know.
     pub token: Option<String>,
     /// Nobody may move the camera.
@@ -162,11 +123,13 @@ pub enum FlightState {
     Restarting,
     /// It cannot be started; it is tried again now and then.
     Failed,
+    /// Nobody has looked for a while: it is started again for the next one who does.
+    Resting,
 }
 
 /// What the launcher tells of the flight.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct FlightNews {
+pub struct FlightStatus {
     /// Number of the flight, from 1.
     pub number: u32,
     /// Its process; 0 while no flight runs.
@@ -187,10 +150,10 @@ pub struct FlightNews {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(tag = "type", rename_all = "kebab-case")]
 pub enum ToViewer {
-    /// The first line.
+    /// The first line; [`ToViewer::Flight`] is the second.
     Setup(Box<ViewerSetup>),
     /// The flight has changed.
-    Flight(FlightNews),
+    Flight(FlightStatus),
     /// What was wished for cannot be flown: the flight goes on like this.
     GoesOn {
         /// Size of its pictures, pixels.
@@ -216,12 +179,17 @@ pub enum FromViewer {
         /// The number.
         number: u32,
     },
+    /// Whether somebody looks.
+    Audience {
+        /// Somebody does.
+        looks: bool,
+    },
     /// The flight is to be flown like this.
     Fly {
         /// Size of its pictures, pixels.
         size: [u32; 2],
         /// How it draws.
-        settings: StreamSettings,
+        settings: Box<StreamSettings>,
     },
 }
 
@@ -243,22 +211,6 @@ mod tests {
             ViewerPose { z: f64::INFINITY, ..pose() },
             ViewerPose { vfov: 0.0, ..pose() },
             ViewerPose { vfov: f64::NAN, ..pose() },
-        ] {
-            assert!(wrong.fault().is_some(), "{wrong:?}");
-        }
-    }
-
-    #[test]
-    fn settings_are_checked_and_become_flags() {
-        let settings = StreamSettings { facet_px: Some(4.0), technique: Some("mesh".into()), ..Default::default() };
-        assert_eq!(settings.fault(), None);
-        assert_eq!(settings.flags(), ["--technique", "mesh", "--facet-px", "4"]);
-        assert_eq!(settings.picture_flags(), ["--technique", "mesh"]);
-        for wrong in [
-            StreamSettings { fps: Some(f64::NAN), ..Default::default() },
-            StreamSettings { facet_px: Some(0.0), ..Default::default() },
-            StreamSettings { technique: Some("--output".into()), ..Default::default() },
-            StreamSettings { overlay: Some("x".into()), ..Default::default() },
         ] {
             assert!(wrong.fault().is_some(), "{wrong:?}");
         }

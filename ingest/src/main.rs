@@ -5,12 +5,13 @@
 #![forbid(unsafe_code)]
 
 use clap::Parser;
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use std::io::{self, IsTerminal, Write};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use terravision_common::bug::report_panics;
-use terravision_common::terminal::{complain, printable, printable_json};
+use terravision_common::terminal::{complain, printable, printable_json, usage_sentence};
 use terravision_ingest::cli::{Cli, Verb};
 use terravision_ingest::error::IngestError;
 use terravision_ingest::job::{Job, summary};
@@ -31,8 +32,7 @@ fn main() -> ExitCode {
         // Help and the like.
         Err(error) if !error.use_stderr() => error.exit(),
         Err(error) => {
-            // Names of files that a shell has put there are foreign.
-            error.to_string().lines().for_each(complain);
+            complain(&format!("terravision: {}", usage(&error)));
             return ExitCode::from(2);
         }
     };
@@ -80,6 +80,16 @@ fn main() -> ExitCode {
             ExitCode::from(error.exit_code())
         }
     }
+}
+
+/// What is wrong with the command line. Rasters without a flag are what is most often wrong.
+fn usage(error: &clap::Error) -> String {
+    let sentence = usage_sentence(&error.to_string(), "--help after the command");
+    let is_ingest = std::env::args_os().nth(1).is_some_and(|verb| verb == "ingest");
+    let is_file = is_ingest
+        && error.kind() == ErrorKind::UnknownArgument
+        && matches!(error.get(ContextKind::InvalidArg), Some(ContextValue::String(name)) if !name.starts_with('-'));
+    if is_file { format!("{sentence}: rasters are named by --elevation and --color") } else { sentence }
 }
 
 /// Makes a database. Returns the text to be printed about it, safe for a terminal.

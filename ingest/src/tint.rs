@@ -3,49 +3,19 @@
 
 use crate::store::{Level, Rect, Rgb};
 use std::io;
+use terravision_common::tint::{AT_ZERO_M, HeightColors, Palette};
 
 /// Slope (rise over run, root mean square) that shading makes of any terrain: flat land gets
 /// relief, too.
 const SHADED_SLOPE: f64 = 0.3;
 
-/// Land on Earth: meadow, field, heath, rock.
-const EARTH: [(f32, [f32; 3]); 6] = [
-    (0.0, [88.0, 128.0, 82.0]),
-    (0.18, [126.0, 156.0, 94.0]),
-    (0.38, [184.0, 182.0, 124.0]),
-    (0.58, [176.0, 150.0, 108.0]),
-    (0.78, [148.0, 126.0, 110.0]),
-    (1.0, [186.0, 180.0, 176.0]),
-];
-const SNOW: [f32; 3] = [244.0, 246.0, 248.0];
 /// Height of the climatic snow line on Earth at every tenth degree of latitude, metres: highest in
 /// the dry belts beside the tropics. Rounded from textbooks of physical geography; both hemispheres
 /// alike.
 const SNOW_LINE_M: [f32; 10] = [4800.0, 5000.0, 5300.0, 5000.0, 3600.0, 2300.0, 1300.0, 700.0, 200.0, 0.0];
-/// Snow begins so far below the line, in hollows, and is whole so far above it, metres.
-const SNOW_BAND_M: [f32; 2] = [-600.0, 200.0];
-/// Snow lies in the upper part of the terrain's range alone, or a plateau above the line would be
-/// blank: it begins and is whole at these shares of the range.
-const SNOW_SHARE: [f32; 2] = [0.35, 0.65];
 /// More than this share of all posts at exactly 0 m is water: elevation models give the sea so,
 /// where they have no depths.
 const FLAT_SEA_SHARE: f64 = 0.005;
-/// Half a step of stored heights, metres.
-const AT_ZERO_M: f32 = 1.0 / 256.0;
-/// Below the sea, by share of the greatest depth.
-const SEA: [(f32, [f32; 3]); 3] =
-    [(0.0, [18.0, 44.0, 84.0]), (0.7, [50.0, 104.0, 150.0]), (1.0, [136.0, 184.0, 204.0])];
-/// Mars: dust.
-const MARS: [(f32, [f32; 3]); 5] = [
-    (0.0, [96.0, 62.0, 48.0]),
-    (0.3, [152.0, 96.0, 64.0]),
-    (0.6, [194.0, 134.0, 92.0]),
-    (0.85, [220.0, 178.0, 138.0]),
-    (1.0, [242.0, 226.0, 208.0]),
-];
-/// Bodies without air: regolith.
-const GREY: [(f32, [f32; 3]); 3] =
-    [(0.0, [74.0, 72.0, 72.0]), (0.6, [150.0, 146.0, 142.0]), (1.0, [226.0, 224.0, 220.0])];
 
 /// What a tint has to know of the place.
 #[derive(Debug, Clone, Copy)]
@@ -64,12 +34,6 @@ fn snow_line_m(latitude_deg: f64) -> f32 {
     a + (s as f32 - below as f32) * (b - a)
 }
 
-/// 0 below the first bound, 1 above the second, smooth between.
-fn smooth([from, to]: [f32; 2], v: f32) -> f32 {
-    let t = ((v - from) / (to - from)).clamp(0.0, 1.0);
-    t * t * (3.0 - 2.0 * t)
-}
-
 /// Makes colour from the finest elevation level.
 #[derive(Debug)]
 pub struct Tint<'a> {
@@ -77,25 +41,8 @@ pub struct Tint<'a> {
     spacing_m: f64,
     /// Posts per texel.
     ratio: f64,
-    low: f32,
-    high: f32,
-    /// Heights below 0 are depths.
-    has_sea: bool,
-    /// Heights of exactly 0 are water.
-    has_flat_sea: bool,
-    /// Where it snows, metres; nowhere on other bodies.
-    snow_line_m: Option<f32>,
-    land: &'static [(f32, [f32; 3])],
-    /// Factor on heights for shading.
-    relief: f32,
-}
-
-fn ramp(stops: &[(f32, [f32; 3])], t: f32) -> [f32; 3] {
-    let t = t.clamp(0.0, 1.0);
-    let after = stops.iter().position(|(at, _)| *at >= t).unwrap_or(stops.len() - 1).max(1);
-    let ((from, a), (to, b)) = (stops[after - 1], stops[after]);
-    let s = ((t - from) / (to - from)).clamp(0.0, 1.0);
-    [0, 1, 2].map(|c| a[c] + s * (b[c] - a[c]))
+    /// Colours by height, and a factor on heights for shading.
+    colors: HeightColors,
 }
 
 impl<'a> Tint<'a> {
@@ -133,38 +80,31 @@ impl<'a> Tint<'a> {
             posts,
             spacing_m,
             ratio: texel_m / spacing_m,
-            low,
-            high: at(0.998).max(low + 1.0),
-            has_sea,
-            has_flat_sea,
-            snow_line_m: is_earth.then(|| snow_line_m(latitude_deg.unwrap_or(45.0))),
-            land: match body {
-                "Earth" | "Titan" | "unknown" => &EARTH,
-                "Mars" | "Venus" => &MARS,
-                _ => &GREY,
+            colors: HeightColors {
+                palette: match body {
+                    "Earth" | "Titan" | "unknown" => Palette::Earth,
+                    "Mars" | "Venus" => Palette::Mars,
+                    _ => Palette::Grey,
+                },
+                low_m: low,
+                high_m: at(0.998).max(low + 1.0),
+                has_sea,
+                has_flat_sea,
+                snow_line_m: is_earth.then(|| snow_line_m(latitude_deg.unwrap_or(45.0))),
+                relief: (SHADED_SLOPE / slope.max(1e-9)).clamp(0.4, 40.0) as f32,
             },
-            relief: (SHADED_SLOPE / slope.max(1e-9)).clamp(0.4, 40.0) as f32,
         })
     }
 
-    fn color(&self, height: f32) -> [f32; 3] {
-        if self.has_sea && height < 0.0 {
-            return ramp(&SEA, 1.0 + height / 6000.0);
-        }
-        if self.has_flat_sea && height.abs() <= AT_ZERO_M {
-            return ramp(&SEA, 0.85);
-        }
-        let share = (height - self.low) / (self.high - self.low);
-        let land = ramp(self.land, share);
-        let snow = self
-            .snow_line_m
-            .map_or(0.0, |line| smooth(SNOW_BAND_M.map(|v| line + v), height) * smooth(SNOW_SHARE, share));
-        [0, 1, 2].map(|c| land[c] + snow * (SNOW[c] - land[c]))
+    /// Its colours before they are shaded.
+    #[must_use]
+    pub fn colors(&self) -> HeightColors {
+        self.colors
     }
 
     /// How bright a post is: light from the north west, 45 degrees high; flat ground is 1.
     fn shade(&self, spacing_m: f64, heights: &[f32], width: usize, at: usize) -> f32 {
-        let scale = self.relief / (2.0 * spacing_m as f32);
+        let scale = self.colors.relief / (2.0 * spacing_m as f32);
         let dx = (heights[at + 1] - heights[at - 1]) * scale;
         let dy = (heights[at + width] - heights[at - width]) * scale;
         // Unit vector to the light: (-1/2, 1/2, 1/sqrt 2); normal: (-dx, -dy, 1).
@@ -213,7 +153,7 @@ impl<'a> Tint<'a> {
                     south + t * (north - south)
                 };
                 let shade = mix(&shades);
-                out.push(self.color(mix(&heights)).map(|v| (v * shade).round().clamp(0.0, 255.0) as u8));
+                out.push(self.colors.color(mix(&heights)).map(|v| (v * shade).round().clamp(0.0, 255.0) as u8));
             }
         }
         Ok(out)

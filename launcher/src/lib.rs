@@ -9,6 +9,7 @@
 //! * [`data_set`]: poses and intrinsics beside depth and ground of whole flights.
 //! * [`device`]: the Vulkan device, and whether colour tiles are compressed for it.
 //! * [`serve`]: a flight and a viewer for web browsers.
+//! * [`sun`]: where the sun stands.
 //! * [`world`]: the terrain database that a command is about, wherever it is.
 //! * [`command`]: commands that fly nothing. [`machine`], [`process`]: what this machine has, and
 //!   what runs on it.
@@ -30,6 +31,7 @@ pub mod process;
 pub mod rig_file;
 pub mod serve;
 pub mod stream;
+pub mod sun;
 pub mod world;
 
 use clap::Parser;
@@ -41,7 +43,7 @@ use failure::{ExitStatus, Failure};
 use std::ffi::OsString;
 use terravision_common::event::monotonic_nanos;
 use terravision_common::log;
-use terravision_common::terminal::complain;
+use terravision_common::terminal::{complain, usage_sentence};
 
 /// The whole program: reads the command line, does what it says, and returns the exit code.
 #[must_use]
@@ -90,6 +92,7 @@ fn dispatch(command: Command, started_nanos: u64) -> Result<(), Failure> {
         Command::Path(args) => export::export(&args),
         Command::Fly(args) => flight::run(plan::fly(&args)?, started_nanos),
         Command::Still(args) => flight::run(plan::still(&args)?, started_nanos),
+        Command::View(args) => flight::run(plan::view(*args)?, started_nanos),
         Command::Serve(args) => serve::serve(&args),
     }
 }
@@ -106,16 +109,11 @@ fn usage(error: &clap::Error) -> Result<(), Failure> {
             drop(error.print());
             Err(Failure { status: ExitStatus::BadInput, error: anyhow::anyhow!("expected a command") })
         }
-        _ => Err(Failure::bad_input(anyhow::anyhow!("{}", usage_sentence(&error.to_string())))),
+        _ => Err(Failure::bad_input(anyhow::anyhow!(
+            "{}",
+            usage_sentence(&error.to_string(), "terravision --help, or --help after a command")
+        ))),
     }
-}
-
-/// The first paragraph of clap's message as one sentence; its usage lines are what `--help` is for.
-fn usage_sentence(message: &str) -> String {
-    let first = message.split("\n\n").next().unwrap_or(message);
-    let message = first.split_whitespace().collect::<Vec<_>>().join(" ");
-    let message = message.strip_prefix("error: ").unwrap_or(&message);
-    format!("{message} (see terravision --help, or --help after a command)")
 }
 
 #[cfg(test)]
@@ -136,7 +134,7 @@ mod tests {
         let fly = |words: &[&str]| {
             let words = ["terravision", "fly"].iter().chain(words).map(OsString::from).collect();
             let Command::Fly(args) = parse(words).unwrap().command else { panic!("not fly") };
-            (args.world.display().to_string(), args.planes.depth, args.planes.ground)
+            (args.draw.world.display().to_string(), args.planes.depth, args.planes.ground)
         };
         let folder = |name: &str| Some(Some(name.into()));
         let world = || "w.tv".to_owned();

@@ -1,5 +1,7 @@
 //! Requests run on an async runtime; dedicated threads decode tiles directly into pool slots.
 
+use crate::light::elevations::{Elevations, StoredElevations};
+use crate::light::{LightScratch, Lighting};
 use crate::source::PayloadSource;
 use bytes::Bytes;
 use std::collections::{HashMap, VecDeque};
@@ -8,14 +10,16 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 use terravision_common::bug::contained;
 use terravision_common::database::{
-    Layer, Tile, TileScratch, color_tile_bytes, decode_color_tile, decode_elevation_planes,
+    Layer, Tile, TileScratch, color_tile_bytes, decode_color_picture, decode_elevation_planes, make_color_mips,
 };
 use terravision_common::event::monotonic_nanos;
 use terravision_common::ids::SlotKey;
+use terravision_common::node::NodeId;
 use terravision_common::outcome::TileFailure;
 use terravision_common::shm::{FillGuard, WantBell};
 use terravision_common::texels::{TexelFormat, compress_tile};
 use terravision_common::threads::ensure;
+use terravision_common::traversal::HeightRanges;
 use terravision_common::world::World;
 use tokio::runtime::Runtime;
 use tokio::task::AbortHandle;
@@ -87,15 +91,24 @@ pub struct DecodeScratch {
     tile: TileScratch,
     /// A colour tile before it is compressed.
     texels: Vec<u8>,
+    light: LightScratch,
 }
 
-/// Decodes a tile into its slot and publishes it. Colours are converted to the format of the pool.
+/// What lights colour tiles, and out of which elevation tiles.
+struct Lit<'a> {
+    lighting: &'a Lighting,
+    tiles: &'a dyn Elevations,
+}
+
+/// Decodes a tile into its slot and publishes it. Colours are lit, if they are to be, and converted
+/// to the format of the pool.
 ///
 /// # Errors
 /// The payload is damaged.
-pub fn decode(
+fn decode(
     world: &World,
     texels: TexelFormat,
+    lit: Option<&Lit<'_>>,
     job: DecodeJob,
     scratch: &mut DecodeScratch,
 ) -> Result<SlotKey, TileFailure> {
@@ -107,20 +120,40 @@ pub fn decode(
         }
         Layer::Color => {
             let side = world.color_stored();
+            let DecodeScratch { texels: plain, light, .. } = scratch;
             guard.bytes_mut().len() as u64 >= texels.tile_bytes(side)
                 && if texels.is_compressed() {
-                    scratch.texels.resize(color_tile_bytes(world), 0);
-                    let is_decoded = decode_color_tile(&payload, side, &mut scratch.texels).is_ok();
+                    plain.resize(color_tile_bytes(world), 0);
+                    let is_decoded = decode_color(&payload, side, tile.node, lit, plain, light);
                     if is_decoded {
-                        compress_tile(&scratch.texels, side, guard.bytes_mut());
+                        compress_tile(plain, side, guard.bytes_mut());
                     }
                     is_decoded
                 } else {
-                    decode_color_tile(&payload, side, guard.bytes_mut()).is_ok()
+                    decode_color(&payload, side, tile.node, lit, guard.bytes_mut(), light)
                 }
         }
     };
     if is_decoded { Ok(guard.publish()) } else { Err(TileFailure::Damaged) }
+}
+
+/// Decodes a colour tile, `side` texels wide, with its mip levels, and lights it.
+fn decode_color(
+    payload: &[u8],
+    side: u32,
+    node: NodeId,
+    lit: Option<&Lit<'_>>,
+    out: &mut [u8],
+    scratch: &mut LightScratch,
+) -> bool {
+    if decode_color_picture(payload, side, out).is_err() {
+        return false;
+    }
+    if let Some(Lit { lighting, tiles }) = lit {
+        lighting.light(node, out, *tiles, scratch);
+    }
+    make_color_mips(out, side);
+    true
 }
 
 #[derive(Default)]
@@ -179,14 +212,16 @@ impl<S> std::fmt::Debug for Workers<S> {
 
 impl<S: PayloadSource> Workers<S> {
     /// Starts `threads` threads (at least one) that decode tiles of `world`, with colours in the
-    /// format `texels`. They ring `bell` when work has ended.
+    /// format `texels`, lit by `lighting`. `ranges` knows which tiles there are. They ring `bell`
+    /// when work has ended.
     ///
     /// # Errors
     /// [`ExecutorError`].
     pub fn new(
         source: S,
-        world: &World,
+        (world, ranges): (&World, impl HeightRanges + Send + Sync + 'static),
         texels: TexelFormat,
+        lighting: Option<Lighting>,
         threads: u32,
         bell: WantBell,
     ) -> Result<Self, ExecutorError> {
@@ -206,9 +241,17 @@ impl<S: PayloadSource> Workers<S> {
             shared,
             threads: Vec::new(),
         };
+        let lighting = lighting.map(|lighting| {
+            let tiles = StoredElevations::new(Arc::clone(&workers.source), ranges, world);
+            (lighting, Arc::new(tiles))
+        });
         for thread in 1..=threads.max(1) {
             let (source, shared, world) = (Arc::clone(&workers.source), Arc::clone(&workers.shared), *world);
-            let work = move || decode_tiles(&*source, &shared, &world, texels, thread);
+            let lighting = lighting.clone();
+            let work = move || {
+                let lit = lighting.as_ref().map(|(lighting, tiles)| Lit { lighting, tiles: &**tiles });
+                decode_tiles(&*source, &shared, &world, texels, lit.as_ref(), thread);
+            };
             workers.threads.push(std::thread::Builder::new().name(format!("decoder-{thread}")).spawn(work)?);
         }
         Ok(workers)
@@ -295,7 +338,14 @@ impl<S> Drop for Workers<S> {
 }
 
 /// The loop of a decoding thread, until the queue is closed.
-fn decode_tiles(source: &impl PayloadSource, shared: &Shared, world: &World, texels: TexelFormat, thread: u32) {
+fn decode_tiles(
+    source: &impl PayloadSource,
+    shared: &Shared,
+    world: &World,
+    texels: TexelFormat,
+    lit: Option<&Lit<'_>>,
+    thread: u32,
+) {
     let mut scratch = DecodeScratch::default();
     loop {
         let job = {
@@ -313,7 +363,7 @@ fn decode_tiles(source: &impl PayloadSource, shared: &Shared, world: &World, tex
         let tile = job.tile;
         let start_nanos = monotonic_nanos();
         // If a decoder panics on foreign bytes, only its tile is lost, not the flight.
-        let result = contained(|| decode(world, texels, job, &mut scratch)).unwrap_or_else(|_panic| {
+        let result = contained(|| decode(world, texels, lit, job, &mut scratch)).unwrap_or_else(|_panic| {
             scratch = DecodeScratch::default();
             Err(TileFailure::Damaged)
         });

@@ -9,10 +9,12 @@
 //!   docs/prefetch.md).
 //! * [`executor`] does the work: requests on an async runtime, decoding on threads. [`source`]
 //!   provides payloads, and decides when a tile may be requested again.
+//! * [`light`] lights colour tiles as they are decoded.
 //! * [`prediction`] predicts the view, and finds the tiles that it will want.
 //! * [`store_usage`] reports the use of the database to the launcher.
 
 pub mod executor;
+pub mod light;
 pub mod ports;
 pub mod prediction;
 pub mod request_window;

@@ -1,6 +1,7 @@
 //! The prefetcher as a stage of a run.
 
 use crate::executor::{ExecutorError, Workers};
+use crate::light::Lighting;
 use crate::ports::Ports;
 use crate::prediction::Ahead;
 use crate::scheduler::{CYCLE_NANOS, Scheduler};
@@ -75,13 +76,15 @@ impl StageError for PrefetcherError {
 /// [`PrefetcherError`].
 pub fn serve<S: PayloadSource>(
     world: &World,
-    ranges: impl HeightRanges,
+    ranges: impl HeightRanges + Clone + Send + Sync + 'static,
     config: &RunConfig,
     source: S,
     ports: Ports,
 ) -> Result<(), PrefetcherError> {
     let Ports { control, wants, outcomes, elevation, color, path, events } = ports;
-    let executor = Workers::new(source, world, config.texels, config.decoder_threads, wants.bell())?;
+    let lighting = config.light.map(|light| Lighting::new(world, &light, config.exaggeration));
+    let (known, threads) = ((world, ranges.clone()), config.decoder_threads);
+    let executor = Workers::new(source, known, config.texels, lighting, threads, wants.bell())?;
     let scheduler = Scheduler::new(world, elevation, color);
     scheduler.show(&control);
     tracing::debug!(prediction = config.prefetch.prediction.name(), threads = config.decoder_threads, "serves tiles");
@@ -161,7 +164,7 @@ impl<S: PayloadSource, R: HeightRanges> Service<S, R> {
 }
 
 /// The ranges of height of a shared database.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 struct SharedRanges(Arc<Store>);
 
 impl HeightRanges for SharedRanges {

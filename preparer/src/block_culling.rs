@@ -3,7 +3,8 @@
 //! The generator culls by node; at the border of the picture most of a node may be outside, and
 //! ground behind a ridge is hidden. Here every vertex is known. So rows and columns of facets are
 //! culled if all their vertices are outside of one frustum plane, or if they lie below the
-//! [`horizon`](crate::horizon). Culled facets would not have produced a pixel. With several views,
+//! [`horizon`](crate::horizon). Where walls go down from the world's border, vertices on it are
+//! outside only if the walls' feet are. Culled facets would not have produced a pixel. With several views,
 //! only facets that no view can see are culled. The slot says which views see nothing of its block
 //! ([`TileSlot::unseen_by`]), so that no view draws what only another one sees.
 
@@ -40,6 +41,8 @@ pub struct BlockCulling {
     /// One for each view of the frame; earlier frames with more views may have left more.
     eyes: Vec<Eye>,
     view_count: usize,
+    /// How far down walls go from the world's border, metres; `None` without.
+    skirt_low_m: Option<f64>,
     /// Whether any part of the entered leaf is seen.
     is_seen: bool,
 }
@@ -48,6 +51,8 @@ pub struct BlockCulling {
 #[derive(Debug)]
 struct Eye {
     surface: Surface,
+    /// The world's north east corner, lattice units.
+    extent: [u64; 2],
     posts: usize,
     normals: [Vec3; PLANES],
     /// The frame of the view's camera.
@@ -57,6 +62,13 @@ struct Eye {
     /// Columns and rows of the entered leaf, relative to the eye.
     columns: Vec<f32>,
     rows: Vec<f32>,
+    /// For an eye beside the world, which may see walls: the height of their feet, relative to the
+    /// eye.
+    foot_m: Option<f32>,
+    /// Which columns and rows of the entered leaf lie on the world's border, if there are walls.
+    border: [Vec<usize>; 2],
+    /// The height of the feet for each vertex.
+    feet: Vec<f32>,
     /// Heights relative to the eye, if it is not at the height of the datum.
     heights: Vec<f32>,
     /// For each vertex a bit per plane that it is outside of; as wide as a coordinate, for SIMD.
@@ -68,7 +80,13 @@ impl BlockCulling {
     /// Buffers for leaves of a world.
     #[must_use]
     pub fn new(world: &World) -> Self {
-        Self { world: *world, eyes: vec![Eye::new(world)], view_count: 0, is_seen: false }
+        Self { world: *world, eyes: vec![Eye::new(world)], view_count: 0, skirt_low_m: None, is_seen: false }
+    }
+
+    /// Keeps what walls go down from, as far as the walls may be seen.
+    #[must_use]
+    pub fn with_skirts(self, skirt_low_m: Option<f64>) -> Self {
+        Self { skirt_low_m, ..self }
     }
 
     /// Takes the views of a frame, whose heights are relative to the eye of `pose`.
@@ -78,7 +96,7 @@ impl BlockCulling {
             if self.view_count == self.eyes.len() {
                 self.eyes.push(Eye::new(&self.world));
             }
-            self.eyes[self.view_count].look(pose, view);
+            self.eyes[self.view_count].look(pose, view, self.skirt_low_m);
             self.view_count += 1;
         }
     }
@@ -141,23 +159,30 @@ impl Eye {
         let posts = world.elevation_posts() as usize;
         Self {
             surface: world.surface(),
+            extent: world.extent().map(u64::from),
             posts,
             normals: [Vec3::ZERO; PLANES],
             frame: None,
             datum_m: 0.0,
             columns: vec![0.0; posts],
             rows: vec![0.0; posts],
+            foot_m: None,
+            border: Default::default(),
+            feet: vec![0.0; posts * posts],
             heights: Vec::new(),
             outside: vec![0; posts * posts],
             horizon: Horizon::new(world),
         }
     }
 
-    fn look(&mut self, pose: &Camera, Sight { camera, ground_m }: Sight<'_>) {
+    fn look(&mut self, pose: &Camera, Sight { camera, ground_m }: Sight<'_>, skirt_low_m: Option<f64>) {
         let [a, b, c, d] = camera.frustum_normals_in_world();
         self.normals = [a, b, c, d, camera.axes_in_world()[2]].map(|normal| normal.as_vec3());
         let frame = self.surface.seen_by(camera.eye(), camera.axes_in_world()[2]);
         self.datum_m = frame.height_from_eye(self.surface.height_m(pose.eye()));
+        let foot_m = skirt_low_m.filter(|_| !self.surface.is_over(camera.eye()));
+        self.foot_m = foot_m.map(|low_m| frame.height_from_eye(low_m));
+        self.feet.fill(self.foot_m.unwrap_or_default());
         self.frame = Some(frame);
         self.horizon.look(camera, ground_m);
     }
@@ -180,13 +205,19 @@ impl Eye {
         let rows = vertices.by_row().zip(self.outside.chunks_exact_mut(self.posts));
         for (row, outside) in rows.step_by(grid) {
             for (vertex, outside) in row.zip(outside) {
-                let margin = -MARGIN_M - MARGIN * (vertex.x.abs() + vertex.y.abs() + vertex.z.abs());
-                let mut bits = 0;
-                for (plane, normal) in self.normals.iter().enumerate() {
-                    bits |= u32::from(vertex.dot(*normal) < margin) << plane;
-                }
-                *outside = bits;
+                *outside = planes_outside(&self.normals, vertex);
             }
+        }
+        let feet = Vertices { heights: &self.feet, ..vertices };
+        let mut lower = |column: usize, row: usize| {
+            self.outside[row * self.posts + column] &= planes_outside(&self.normals, feet.at(column, row));
+        };
+        let [border_columns, border_rows] = &self.border;
+        for column in border_columns {
+            (0..self.posts).step_by(grid).for_each(|row| lower(*column, row));
+        }
+        for row in border_rows.iter().filter(|row| row.is_multiple_of(grid)) {
+            (0..self.posts).for_each(|column| lower(column, *row));
         }
         self.horizon.enter(vertices, grid, snaps.1.map(|snap| 1 << snap));
     }
@@ -201,6 +232,14 @@ impl Eye {
         for (row, y) in self.rows.iter_mut().zip(surface.posts(node, 1)) {
             *row = frame.row_from_eye(surface.row(y));
         }
+        for (axis, border) in self.border.iter_mut().enumerate() {
+            border.clear();
+            if self.foot_m.is_some() {
+                let is_on_border = |at: u64| at == 0 || at == self.extent[axis];
+                let posts = surface.posts(node, axis).take(self.posts).enumerate();
+                border.extend(posts.filter(|(_, at)| is_on_border(*at)).map(|(index, _)| index));
+            }
+        }
     }
 
     /// Whether all vertices of a closed range of the array are outside the same plane.
@@ -214,6 +253,17 @@ impl Eye {
         }
         all != 0
     }
+}
+
+/// A bit for each plane that a vertex is outside of.
+#[inline(always)]
+fn planes_outside(normals: &[Vec3; PLANES], vertex: Vec3) -> u32 {
+    let margin = -MARGIN_M - MARGIN * (vertex.x.abs() + vertex.y.abs() + vertex.z.abs());
+    let mut bits = 0;
+    for (plane, normal) in normals.iter().enumerate() {
+        bits |= u32::from(vertex.dot(*normal) < margin) << plane;
+    }
+    bits
 }
 
 /// A bit for each view, that of the first the lowest.

@@ -147,7 +147,7 @@ impl<L: TileLoader> Preparer<L> {
             loader,
             wait: TileWait::new(world, config.texels, 2 * nodes as usize),
             tree: FrameTree::new(world, nodes, most_leaves),
-            maker: FrameMaker::new(world, nodes),
+            maker: FrameMaker::new(world, nodes).with_skirts(config.render.skirt_low_m),
             slots: Vec::with_capacity(SLOTS_AT_ONCE),
             // Frames may have been skipped, but none came twice.
             next_frame: FrameNumber::new(config.frames[0].saturating_add(ports.trees.returned())),

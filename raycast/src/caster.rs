@@ -50,6 +50,8 @@ pub struct CastOptions {
     pub sweep: SweepDetail,
     /// Colour where no ground is.
     pub sky_rgb: [u8; 3],
+    /// Alpha there: 255, or 0 for who has to know later how much of a pixel is ground.
+    pub sky_alpha: u8,
     /// Whether an eye above the ground also sees its underside, through holes.
     pub has_undersides: bool,
 }
@@ -63,6 +65,7 @@ impl Default for CastOptions {
             sampling: Sampling { interval_voxels: 0.6, voxel_px: 1.0 },
             sweep: SweepDetail::DEFAULT,
             sky_rgb: [150, 190, 235],
+            sky_alpha: 255,
             has_undersides: false,
         }
     }
@@ -161,14 +164,11 @@ impl Caster {
             .in_place(heights, options.sweep.post_px);
         let canvas = Canvas { scene: &scene, colors, picture, sky: sky(options) };
         let rays = u64::from(camera.width()) * u64::from(camera.height());
+        let is_partly_unmeasured = ground.is_partly_unmeasured();
+        assert!(picture.has_depth() || !is_partly_unmeasured, "holes are looked for where pixels lie");
         let counts = Counts { rays, ..sweep.draw(&canvas, camera, &options.sweep, workers) };
-        if ground.is_partly_unmeasured() {
-            assert!(picture.has_depth(), "holes are looked for where pixels lie");
-            if ground.pyramid().is_some() {
-                canvas.look_at_shares_in_place(workers);
-            } else {
-                canvas.look_at_shares(workers);
-            }
+        if is_partly_unmeasured && ground.pyramid().is_none() {
+            canvas.look_at_shares(workers);
         }
         counts
     }
@@ -262,7 +262,7 @@ fn method_for(ground: &Ground, options: &CastOptions) -> Method {
 
 fn sky(options: &CastOptions) -> u32 {
     let [r, g, b] = options.sky_rgb;
-    u32::from_le_bytes([r, g, b, 255])
+    u32::from_le_bytes([r, g, b, options.sky_alpha])
 }
 
 fn draw_coherent<R: StartRule>(

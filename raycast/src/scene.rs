@@ -154,6 +154,11 @@ impl<'a> Scene<'a> {
         Some(self.ground.pyramid()?.find(self.lattice_point(point), away2, &self.distances))
     }
 
+    /// Whether ground that is read in place may be a hole, or may have been filled.
+    pub(crate) fn has_holes_in_place(&self) -> bool {
+        self.ground.pyramid().is_some() && self.ground.is_partly_unmeasured()
+    }
+
     /// The square of `1 << log` lattice units at a lattice point.
     pub(crate) fn square(&self, corner: [u32; 2], log: u32) -> Bounds {
         let surface = &self.ground.shape().surface;

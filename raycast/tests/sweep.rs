@@ -249,11 +249,12 @@ fn levels_in_place_are_swept_as_near_to_the_surface_that_they_blend_to() {
     }
 }
 
-#[test]
-fn levels_in_place_give_the_same_picture_by_any_instructions_and_workers() {
-    let pooled = PooledField::new(Field::hills(128, 250.0, 9), 1.0);
+/// Has the same picture drawn of random poses by all instructions and numbers of workers; how many
+/// pixels saw ground that is marked as filled, and how many see none.
+fn draw_by_all(pooled: &PooledField) -> [usize; 2] {
     let mut ground = pooled.ground();
     let mut casters = [1, 3].map(|workers| Caster::new(workers).unwrap());
+    let mut seen = [0; 2];
     for seed in 0..20 {
         let camera = pose(pooled.finest(), 1.0, seed);
         // Where tiles are missing leaves of several levels meet.
@@ -263,12 +264,33 @@ fn levels_in_place_give_the_same_picture_by_any_instructions_and_workers() {
         for caster in &mut casters {
             for instructions in Instructions::all() {
                 caster.set_instructions(instructions);
-                let (colors, depths) = draw_in_place(caster, &pooled, &ground, &camera);
+                let (colors, depths) = draw_in_place(caster, pooled, &ground, &camera);
                 pictures.push((colors, depths.into_iter().map(f32::to_bits).collect::<Vec<_>>()));
             }
         }
         assert!(pictures.windows(2).all(|pair| pair[0] == pair[1]), "pose {seed}");
+        let (colors, depths) = &pictures[0];
+        seen[0] += colors.iter().filter(|color| *color >> 24 == 254).count();
+        seen[1] += depths.iter().filter(|depth| f32::from_bits(**depth).is_nan()).count();
     }
+    seen
+}
+
+#[test]
+fn levels_in_place_give_the_same_picture_by_any_instructions_and_workers() {
+    draw_by_all(&PooledField::new(Field::hills(128, 250.0, 9), 1.0));
+}
+
+#[test]
+fn holes_in_place_give_the_same_picture_by_any_instructions_and_workers() {
+    let [whole, holed] = [false, true].map(|has_holes| {
+        // Stripes of ground, and of filled ground across them.
+        let is_ground = |at: DVec2| !has_holes || (at.x / (9.0 * UNIT_M)).fract() < 0.6;
+        let is_measured = |at: DVec2| !has_holes || (at.y / (13.0 * UNIT_M)).fract() < 0.7;
+        draw_by_all(&PooledField::with_holes(Field::hills(128, 250.0, 9), 1.0, [&is_ground, &is_measured]))
+    });
+    assert!(whole[0] == 0 && holed[0] > 1000, "filled: {whole:?}, {holed:?}");
+    assert!(holed[1] > whole[1] + 1000, "sky: {whole:?}, {holed:?}");
 }
 
 #[test]

@@ -95,7 +95,7 @@ pub fn floor(options: &EngineOptions, columns: u32, rows: u32, frames: usize) ->
     let mut colors = ColorPool::new(&device, [side, 1], texels, filtering, None, 1)?;
     let pass = FloorPass::new(&colors, &target, columns, rows)?;
     let mut slot = FrameSlot::new(&device, 0)?;
-    let mut spare = Some(Outputs { readback: Some(Readback::new(&device, options.size, false)?), picture: None });
+    let mut spare = Some(Outputs::new(Some(Readback::new(&device, options.size, false)?), None));
     let (mut gpu_ms, mut watch) = (Vec::with_capacity(frames), Stopwatch::start());
     for frame in 0..WARM_UP + frames {
         if frame == WARM_UP {
@@ -111,7 +111,7 @@ pub fn floor(options: &EngineOptions, columns: u32, rows: u32, frames: usize) ->
             debug_assert_eq!(room.len() as u64, texels.tile_bytes(side));
         }
         colors.record_uploads(&mut recording);
-        target.begin_picture(&mut recording, options.size, options.sky_rgb);
+        target.begin_picture(&mut recording, options.size, options.sky_rgba());
         pass.draw(&mut recording, &colors);
         target.end(&mut recording);
         recording.copy_view(&mut target, &outputs, options.size, [0, 0]);

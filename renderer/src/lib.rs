@@ -9,12 +9,18 @@
 //! * [`source`]: where frames come from. [`frame`]: reading and checking them.
 //! * [`technique`]: how they are drawn. [`gpu`]: Vulkan, the only place with `unsafe`. [`engine`]:
 //!   both put together.
-//! * [`skirt`]: the sides of the world, drawn over pictures that are seen from beside it.
+//! * [`skirt`]: the sides of the world, drawn over pictures that are seen from beside it. [`air`]: haze
+//!   and sky, laid over pictures.
 //! * [`stage`]: a run's configuration, [`ports`]: its segments. [`sink`]: where pictures go.
 //!   [`run`]: the frame loop. [`mod@bench`]: what the device and the renderer can do.
 //!
 //! The frame loop allocates nothing in the steady state; encoders run on threads of their own.
 
+/// What a build without windows says to who asks for one.
+pub const NO_WINDOW: &str =
+    "this build of TerraVision has no window: build it with cargo build --release --features window";
+
+pub mod air;
 pub mod bench;
 pub mod engine;
 pub mod frame;

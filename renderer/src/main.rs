@@ -15,6 +15,7 @@ terravision-renderer: the stage of TerraVision that draws. The launcher (terravi
 
   --run JSON             draw the frames of this run; --run - reads it from standard input
   --doctor-json          print the Vulkan devices, and what they lack, as JSON
+  --window-check         say whether a window can be opened here
   --floor-json WxH N     draw N frames of full-screen grids of this size, textured and depth-tested, and print the
                          times as JSON: the floor that no renderer on this device gets below
 
@@ -27,6 +28,7 @@ fn main() -> ExitCode {
     let result = match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
         ["--run", _] => return terravision_common::stage::main(terravision_renderer::stage::run),
         ["--doctor-json"] => doctor(),
+        ["--window-check"] => check_window(),
         ["--floor-json", size, frames] => floors(size, frames),
         ["--help" | "-h"] => print(HELP),
         _ => {
@@ -54,6 +56,17 @@ fn doctor() -> anyhow::Result<()> {
         Err(error) => serde_json::json!({ "devices": [], "error": error.to_string() }),
     };
     print(&format!("{}\n", serde_json::to_string_pretty(&report)?))
+}
+
+#[cfg(feature = "window")]
+fn check_window() -> anyhow::Result<()> {
+    terravision_window::desktop::check()?;
+    Ok(terravision_renderer::gpu::check_showing()?)
+}
+
+#[cfg(not(feature = "window"))]
+fn check_window() -> anyhow::Result<()> {
+    anyhow::bail!(terravision_renderer::NO_WINDOW)
 }
 
 /// Grids of the floor: columns and rows of a picture of 16:9. The last has cells of 7.5 pixels at

@@ -2,7 +2,7 @@
 //! owned by the sink that encodes it, then goes back to be filled again: pixels are never copied on
 //! their way to a sink. What no sink needs is not made ([`PixelPlaces`]).
 
-use crate::gpu::{DevicePicture, Outputs, Readback};
+use crate::gpu::{DevicePicture, Outputs, Place, Readback};
 use terravision_common::rig::PictureLayout;
 
 /// Where the pixels of finished pictures are needed.
@@ -12,20 +12,36 @@ pub struct PixelPlaces {
     pub host: bool,
     /// In a picture on the device, without depth.
     pub device: bool,
+    /// In either: on the device, unless something is drawn over them by the processor.
+    pub either: bool,
 }
 
 impl PixelPlaces {
     /// Nowhere: frames are drawn for their own sake.
-    pub const NOWHERE: Self = Self { host: false, device: false };
+    pub const NOWHERE: Self = Self { host: false, device: false, either: false };
     /// In memory of the processor.
-    pub const HOST: Self = Self { host: true, device: false };
+    pub const HOST: Self = Self { host: true, ..Self::NOWHERE };
     /// On the device.
-    pub const DEVICE: Self = Self { host: false, device: true };
+    pub const DEVICE: Self = Self { device: true, ..Self::NOWHERE };
+    /// In either of the two.
+    pub const EITHER: Self = Self { either: true, ..Self::NOWHERE };
 
     /// Wherever either needs them.
     #[must_use]
     pub fn and(self, other: Self) -> Self {
-        Self { host: self.host || other.host, device: self.device || other.device }
+        Self { host: self.host || other.host, device: self.device || other.device, either: self.either || other.either }
+    }
+
+    /// Whether each frame may be put where it costs least.
+    #[must_use]
+    pub fn has_choice(self) -> bool {
+        self.either && !self.host && !self.device
+    }
+
+    /// Whether frames may be needed in memory of the processor.
+    #[must_use]
+    pub fn may_be_host(self) -> bool {
+        self.host || self.either
     }
 }
 
@@ -81,7 +97,7 @@ impl Pixels {
     #[must_use]
     pub fn size(&self) -> [u32; 2] {
         match self {
-            Self::Device(outputs) => outputs.readback.as_ref().map_or([0; 2], Readback::size),
+            Self::Device(outputs) => outputs.readback().map_or([0; 2], Readback::size),
             Self::Memory(raster) => raster.size(),
         }
     }
@@ -91,8 +107,15 @@ impl Pixels {
     #[must_use]
     pub fn rgba(&self) -> &[u8] {
         match self {
-            Self::Device(outputs) => outputs.readback.as_ref().map_or(&[], Readback::rgba),
+            Self::Device(outputs) => outputs.readback().map_or(&[], Readback::rgba),
             Self::Memory(raster) => bytemuck::cast_slice(&raster.rgba),
+        }
+    }
+
+    /// The next frame is needed here only, where there is a choice.
+    pub(crate) fn choose(&mut self, place: Place) {
+        if let Self::Device(outputs) = self {
+            outputs.choose(place);
         }
     }
 
@@ -100,7 +123,7 @@ impl Pixels {
     /// be drawn over.
     pub(crate) fn planes_mut(&mut self) -> (&mut [u8], Option<&mut [f32]>) {
         match self {
-            Self::Device(outputs) => outputs.readback.as_mut().map_or((&mut [], None), Readback::planes_mut),
+            Self::Device(outputs) => outputs.readback_mut().map_or((&mut [], None), Readback::planes_mut),
             Self::Memory(Raster { rgba, reversed_depth, .. }) => {
                 (bytemuck::cast_slice_mut(rgba), reversed_depth.as_deref_mut())
             }
@@ -112,7 +135,7 @@ impl Pixels {
     #[must_use]
     pub fn reversed_depth(&self) -> Option<&[f32]> {
         match self {
-            Self::Device(outputs) => outputs.readback.as_ref().and_then(Readback::reversed_depth),
+            Self::Device(outputs) => outputs.readback().and_then(Readback::reversed_depth),
             Self::Memory(raster) => raster.reversed_depth.as_deref(),
         }
     }
@@ -121,7 +144,7 @@ impl Pixels {
     #[must_use]
     pub fn on_device(&self) -> Option<&DevicePicture> {
         match self {
-            Self::Device(outputs) => outputs.picture.as_ref(),
+            Self::Device(outputs) => outputs.picture(),
             Self::Memory(_) => None,
         }
     }

@@ -85,6 +85,13 @@ impl Skirt {
         Self { world: *world, low_m, array: vec![0.0; world.elevation_values()], datum_m: 0.0 }
     }
 
+    /// Whether any of a checked frame's views may see it.
+    #[must_use]
+    pub fn is_in_sight(&self, frame: &Frame) -> bool {
+        let surface = self.world.surface();
+        frame.views.iter().any(|view| !surface.is_over(view.camera.eye()))
+    }
+
     /// The borders of a checked frame, of those of its views whose eye is beside the world: others
     /// see nothing of it.
     ///
@@ -336,7 +343,8 @@ fn mix(texel: &mut [u8], samples: impl ExactSizeIterator<Item = Option<Seen>>) {
         (0..3).for_each(|c| sum[c] += u32::from(seen.rgb[c]));
     }
     if hits > 0 {
-        // A wall is not ground that was made up.
+        // A wall is not ground that was made up; before a sky that is still to be drawn, alpha is its share.
+        texel[3] += ((u32::from(255 - texel[3]) * hits + count / 2) / count) as u8;
         texel[3] |= 1;
         (0..3).for_each(|c| texel[c] = ((sum[c] + (count - hits) * u32::from(texel[c]) + count / 2) / count) as u8);
     }

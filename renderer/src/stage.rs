@@ -1,5 +1,6 @@
 //! The renderer as a stage of a run: from its configuration to an engine, a source and sinks.
 
+use crate::air::Air;
 use crate::engine::{EngineOptions, ViewBounds};
 use crate::gpu::DeviceChoice;
 use crate::ports::Ports;
@@ -58,12 +59,14 @@ impl StageError for RendererError {
 /// [`RendererError`].
 pub fn run(run: &StageRun) -> Result<(), RendererError> {
     let config = run.config();
-    let world = *Index::open(&config.world)?.world();
+    let index = Index::open(&config.world)?;
+    let world = *index.world();
     let ports = Ports::open(run).map_err(RunError::from)?;
     let mut source = ports.into_source(run, world).map_err(RunError::from)?;
     let written = source.control().written_frames();
-    let sinks = sinks_of(run, source.control(), world.fields().origin, written).map_err(RunError::from)?;
-    let workers = SinkWorkers::start(sinks).map_err(RunError::from)?;
+    let sinks = sinks_of(run, source.control(), &index, written).map_err(RunError::from)?;
+    let air = config.render.air.as_ref().map(|air| Air::new(air, config.render.sky_rgb));
+    let workers = SinkWorkers::start_in_air(sinks, air.as_ref()).map_err(RunError::from)?;
     run::run(
         options(config)?,
         &mut source,
@@ -109,7 +112,12 @@ fn options(config: &RunConfig) -> Result<EngineOptions, RendererError> {
         skirt_low_m: render.skirt_low_m.filter(|low| low.is_finite()),
         has_tree_overlay: render.has_tree_overlay,
         has_validation: render.has_validation,
-        has_depth: !render.depth.is_empty() || !render.ground.is_empty() || is_depth_shared,
+        has_air: render.air.is_some(),
+        has_depth: render.air.as_ref().is_some_and(Air::needs_depth)
+            || render.labels.as_ref().is_some_and(|labels| labels.has_scale_bar)
+            || !render.depth.is_empty()
+            || !render.ground.is_empty()
+            || is_depth_shared,
         frames_in_flight: render.frames_in_flight.min(MAX_FRAMES_IN_FLIGHT) as usize,
         lose_device_at: std::env::var(LOSE_DEVICE_AT).ok().and_then(|at| at.parse().ok()),
         ..EngineOptions::default()

@@ -105,6 +105,7 @@ pub fn record(pose: &Pose, time_s: f64) -> PoseRecord {
         roll_deg: pose.roll,
         vfov_deg: 60.0,
         time_s,
+        size: [0; 2],
         is_end: false,
     }
 }

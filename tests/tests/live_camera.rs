@@ -75,6 +75,39 @@ fn in_lock_step_every_good_pose_has_its_frame_and_bad_ones_are_refused() {
 }
 
 #[test]
+fn pictures_have_the_size_that_their_poses_ask_for() {
+    for technique in ["mesh", "rays"] {
+        let name = shared_name("sizes");
+        let mut flight = live_flight(&format!("shm:{name}"))
+            .args(["--technique", technique, "--depth", "-o", &format!("shared:{name}")])
+            .spawn();
+        let poses = sender(&mut flight, &name);
+        let mut ring = reader(&mut flight, &name);
+        let mut shared = SharedFrame::default();
+        for (k, size) in (0u64..).zip([[0, 0], [160, 90], [200, 180], [320, 180], [33, 7]]) {
+            let sent = PoseRecord { size, ..record(&pose(k), 1.0 + k as f64) };
+            let info = step(&mut flight, &poses, &mut ring, &mut shared, &sent);
+            let expected = if size == [0; 2] { SIZE } else { size };
+            assert_eq!((info.size, shared.depth.len() as u32), (expected, expected[0] * expected[1]));
+            if k % 2 == 1 {
+                let world = synth_world(1024);
+                let shot = Shot { size: expected, ..Shot::new(&world, pose(k)) };
+                let taken = shot.take(&["--technique", technique], true);
+                assert!(taken.rgb == rgb(&shared), "{technique}: as a still of {size:?}");
+            }
+        }
+        // One that is too large is refused, and the flight goes on.
+        poses.send(&PoseRecord { size: [321, 180], ..record(&pose(9), 9.0) });
+        let sent = PoseRecord { size: [64, 64], ..record(&pose(9), 10.0) };
+        assert_eq!(step(&mut flight, &poses, &mut ring, &mut shared, &sent).size, [64, 64]);
+        end(&poses);
+        let finished = flight.wait();
+        finished.assert_code(0);
+        assert_nothing_left(&name, finished.pid);
+    }
+}
+
+#[test]
 fn against_the_clock_frames_go_on_without_poses_and_show_the_newest() {
     let (folder, name) = (TestFolder::new("live-clock"), shared_name("live-clock"));
     let mut flight = live_flight(&format!("shm:{name}"))

@@ -1,7 +1,7 @@
 //! Flights drawn by rays: the picture of the mesh, with and without Vulkan, the same bytes for any
 //! number of workers.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests fail by panicking")]
+#![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests fail by panicking and print figures")]
 
 use std::fs;
 use terravision_testkit::metrics::median_absolute_error;
@@ -177,4 +177,26 @@ fn a_realtime_flight_of_rays_comes_to_its_end_and_says_how_it_was_cast() {
     assert!(driver.contains("tried on one frame") || driver.starts_with("not tried yet"), "{report}");
     let told: Vec<&str> = finished.stderr.lines().filter(|line| line.contains("--rays auto")).collect();
     assert!(told.len() == 1 && told[0].ends_with(driver), "{told:?}, {driver}");
+}
+
+/// Eyes beside the world to which walls are in sight, and the edge of the ground above them is not.
+#[test]
+fn walls_are_drawn_under_ground_that_is_out_of_sight() {
+    let world = synth_world(1024);
+    // In the middle of the south and of the east side.
+    let (south, east) = (world.above(0.5, 0.0, -120.0), world.above(1.0, 0.5, -80.0));
+    let beside = |[x, y, z]: [f64; 3], [dx, dy]: [f64; 2]| [x + dx, y + dy, z];
+    let level = Pose::new(beside(south, [0.0, -60.0]), 0.0, -10.0);
+    let along = Pose { roll: 50.0, ..Pose::new(beside(south, [0.0, -100.0]), 60.0, -5.0) };
+    let down = Pose::new(beside(east, [20.0, 0.0]), 200.0, -45.0);
+    let is_wall = |rgb: &&[u8; 3]| [[102, 91, 79], [93, 82, 71], [122, 108, 94], [81, 71, 62]].contains(*rgb);
+    for (name, pose) in [("level", level), ("along", along), ("down", down)] {
+        let shot = Shot { size: [320, 180], ..Shot::new(&world, pose) };
+        let ways: [&[&str]; 3] = [&["--technique=mesh"], &["--rays=mipmap"], &["--rays=sweep"]];
+        let walls =
+            ways.map(|way| shot.take(&[way, &["--facet-px=3"]].concat(), false).rgb.iter().filter(is_wall).count());
+        println!("{name}: {walls:?} pixels of walls");
+        assert!(walls[0] > 320 * 180 / 8, "{name}: {walls:?}");
+        assert!(walls.iter().all(|count| count.abs_diff(walls[0]) * 100 < walls[0]), "{name}: {walls:?}");
+    }
 }

@@ -248,6 +248,54 @@ fn no_sky_is_seen_away_from_holes() {
     }
 }
 
+/// Rays by a sweep against exact ones: through holes, and from beside the world, where ground is seen
+/// from below.
+#[test]
+fn a_sweep_sees_through_holes_what_exact_rays_see() {
+    let folder = TestFolder::new("void-sweep");
+    // Wider than tiles: the west, and a strip in the middle.
+    let is_void = |i: usize, j: usize| i < 36 || ((60..100).contains(&j) && i > 80) || is_gap(i, j);
+    let posts: Vec<f32> = (0..POSTS * POSTS)
+        .map(|k| (k % POSTS, k / POSTS))
+        .map(|(i, j)| if is_void(i, j) { f32::NAN } else { rough(i, j) })
+        .collect();
+    write_heights(&folder.join("dem.tif"), POSTS, POSTS, ORIGIN, SPACING_M, &posts);
+    let world = folder.join("w.tv");
+    let dem = folder.join("dem.tif");
+    let ingest =
+        Terravision::verb("ingest").arg("--elevation").arg(&dem).args(["--voids", "keep", "--elevation-tile=16"]);
+    ingest.arg("-o").arg(&world).succeed();
+    let at = |x: f64, y: f64, z: f64| [ORIGIN[0] + x, ORIGIN[1] + y, f64::from(HEIGHT_M) + z];
+    let poses = [
+        Pose::new(at(640.0, 150.0, 420.0), 350.0, -35.0),
+        Pose { roll: 40.0, ..Pose::new(at(1100.0, 1000.0, 200.0), 230.0, -20.0) },
+        // From the west, across the hole: from above, from below, and up to the ground's underside.
+        Pose::new(at(-300.0, 640.0, 200.0), 90.0, -12.0),
+        Pose::new(at(-300.0, 640.0, -200.0), 90.0, 5.0),
+        Pose { roll: -30.0, ..Pose::new(at(-100.0, 500.0, -700.0), 80.0, 40.0) },
+    ];
+    for pose in poses {
+        let [swept, exact] = ["--rays=sweep", "--rays=mipmap"]
+            .map(|rays| still_from(&folder, &world, pose, &["--facet-px=1", "--made-up=mark", rays]));
+        let is_other = |k: &usize| {
+            let [a, b] = [&swept, &exact].map(|taken| taken.depth[0][*k]);
+            a.is_nan() != b.is_nan() || (a - b).abs() > 0.03 * b
+        };
+        let (others, ground) =
+            ((0..SIDE * SIDE).filter(is_other).count(), exact.is_sky.iter().filter(|is_sky| !**is_sky).count());
+        // Those along silhouettes, of which a ground full of holes has many.
+        assert!(ground > 2000 && others * 50 < SIDE * SIDE, "{pose:?}: {others} of {ground} pixels see something else");
+        let best = still_from(&folder, &world, pose, &["--quality=best", "--made-up=mark", "--rays=sweep"]);
+        // Not next to ground, sky is sky: hidden borders of holes are no edges.
+        let is_ground_near = |k: usize| {
+            let near = |v: usize| v.saturating_sub(1)..=(v + 1).min(SIDE - 1);
+            near(k / SIDE).any(|row| near(k % SIDE).any(|column| !best.depth[0][row * SIDE + column].is_nan()))
+        };
+        let lines = (0..SIDE * SIDE).filter(|k| !best.is_sky[*k] && !is_ground_near(*k)).count();
+        assert!(lines < 10, "{pose:?}: {lines} pixels of sky have another color");
+    }
+}
+
 #[test]
 fn info_of_a_world_with_voids_names_points_that_were_measured() {
     let folder = TestFolder::new("voids-info");

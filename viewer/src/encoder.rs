@@ -1,9 +1,9 @@
 //! JPEG files of pictures: each picture is encoded once in each quality, for all clients, and only
 //! when a client is to have it.
 
+use crate::jpeg::{JpegError, JpegQuality, encode};
 use crate::picture::{Level, Picture, Scene};
 use bytes::Bytes;
-use jpeg_encoder::{ColorType, EncodingError, SamplingFactor};
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
@@ -18,7 +18,7 @@ const KEPT_TIMES: usize = 64;
 pub(crate) enum EncodeError {
     /// The encoder refuses.
     #[error("a picture cannot be encoded: {0}")]
-    Encoder(#[from] EncodingError),
+    Encoder(#[from] JpegError),
     /// The process is about to end.
     #[error("the viewer is about to end")]
     Ending,
@@ -50,7 +50,8 @@ impl Encoder {
         }
         let picture = Arc::clone(picture);
         let begun = Instant::now();
-        let encoded = tokio::task::spawn_blocking(move || encode(&picture.frame.rgba, picture.size, level)).await;
+        let quality = JpegQuality { quality: level.quality(), has_halved_chroma: level == Level::Moving };
+        let encoded = tokio::task::spawn_blocking(move || encode(&picture.frame.rgba, picture.size, quality)).await;
         let file = Bytes::from(encoded.map_err(|_ending| EncodeError::Ending)??);
         let mut times = self.times_ms.lock().unwrap_or_else(PoisonError::into_inner);
         times.push_back(begun.elapsed().as_secs_f64() * 1e3);
@@ -77,26 +78,9 @@ pub(crate) fn median(numbers: &VecDeque<f64>) -> Option<f64> {
     sorted.get(sorted.len() / 2).copied()
 }
 
-fn encode(rgba: &[u8], [width, height]: [u32; 2], level: Level) -> Result<Vec<u8>, EncodingError> {
-    let mut file = Vec::with_capacity(rgba.len() / 16);
-    let mut encoder = jpeg_encoder::Encoder::new(&mut file, level.quality());
-    let halved = SamplingFactor::F_2_2;
-    encoder.set_sampling_factor(if level == Level::Moving { halved } else { SamplingFactor::F_1_1 });
-    let [width, height] = [width, height].map(|side| u16::try_from(side).unwrap_or(u16::MAX));
-    encoder.encode(rgba, width, height, ColorType::Rgba)?;
-    Ok(file)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn better_quality_is_a_larger_file_and_sizes_may_be_odd() {
-        let rgba: Vec<u8> = (0..63 * 31).flat_map(|i: u32| [i as u8, (i / 7) as u8, (i * i) as u8, 255]).collect();
-        let sizes = [Level::Moving, Level::Rest].map(|level| encode(&rgba, [63, 31], level).unwrap().len());
-        assert!(sizes[0] > 300 && sizes[1] > sizes[0], "{sizes:?}");
-    }
 
     #[test]
     fn the_median_is_in_the_middle() {

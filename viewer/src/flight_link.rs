@@ -1,7 +1,7 @@
 //! Frame ring and segment of poses of the flight that there is: a thread takes the newest frame and
 //! waits for no client.
 
-use crate::hub::{Hub, Tally};
+use crate::hub::{Hub, Pace, Room, Tally};
 use crate::picture::{Picture, SentPose};
 use std::io;
 use std::sync::Arc;
@@ -59,6 +59,7 @@ struct Attached {
     flight: u32,
     reader: FrameRingReader,
     has_flown: bool,
+    pace: Pace,
 }
 
 /// Opens the segments of this flight, once they are there.
@@ -70,13 +71,16 @@ fn attach(hub: &Hub, name: &SharedName, flight: u32, pid: u32) -> Option<Attache
     }
     // The launcher of the flight makes it before the ring.
     let sender = PoseSender::open(name).ok()?;
+    let settings = hub.flight.borrow().settings.clone();
+    // Two eyes are always drawn at the flight's own size.
+    let room = Room { size: reader.shape().size, has_sizes: settings.stereo().is_none() };
     if reader.newest() == 0 || hub.pictures.borrow().is_some() {
-        hub.poses.attach(sender);
+        hub.poses.attach(sender, room);
     } else {
         // This viewer is the successor of one that died: the camera stays where it is.
-        hub.poses.attach_quietly(sender);
+        hub.poses.attach_quietly(sender, room);
     }
-    Some(Attached { flight, reader, has_flown: false })
+    Some(Attached { flight, reader, has_flown: false, pace: Pace::new(settings.fps) })
 }
 
 impl Attached {
@@ -88,20 +92,25 @@ impl Attached {
         let before = hub.pictures.borrow().clone();
         let is_same = |before: &&Arc<Picture>| before.flight == self.flight && before.sent.time_s == sent.time_s;
         let since = before.as_ref().filter(is_same).map_or_else(Instant::now, |before| before.since);
-        let shape = self.reader.shape();
+        let drawn_ms = info.published_nanos as f64 / 1e6;
         let picture = Picture {
             flight: self.flight,
-            size: shape.size,
+            size: info.size,
             pose: drawn_pose(&sent, &info),
             sent,
             number: info.frame,
             is_settled: info.is_settled,
-            drawn_ms: info.published_nanos as f64 / 1e6,
+            drawn_ms,
             since,
             frame: std::mem::take(&mut frame),
         };
         drop(before);
-        let replaced = hub.pictures.send_replace(Some(Arc::new(picture)));
+        let picture = Arc::new(picture);
+        let replaced = hub.recent.note(Arc::clone(&picture));
+        hub.pictures.send_replace(Some(picture));
+        if let Some(share) = self.pace.note(drawn_ms, hub.poses.newest().received_ms) {
+            hub.poses.set_share(share);
+        }
         if !std::mem::replace(&mut self.has_flown, true) {
             hub.note_flying(self.flight);
         }

@@ -11,20 +11,27 @@
 //!   waits for no client. [`picture`]: a frame, and its header for clients.
 //! * [`encoder`]: JPEG and PNG, once for all clients. [`stills`]: exact pictures, by `terravision
 //!   still`. [`rest`]: when they are drawn.
+//! * [`hub::films`]: films of paths, by `terravision fly`. [`hub::conversion`]: path files, by
+//!   `terravision path`. [`command`]: these commands while they run.
+//! * [`video`]: H.264 for clients over slow links, by an ffmpeg for each.
 //! * [`http`]: routes, and who may use them. [`socket`]: the WebSocket of a client.
-//! * [`terrain`]: heights, and what there is to know of the world.
+//! * [`sight`]: the ground that a picture shows. [`terrain`]: heights, and what there is to know of the world.
 
+mod command;
 mod encoder;
 mod error;
 mod flight_link;
 mod http;
 mod hub;
+mod jpeg;
 mod launcher_link;
 mod picture;
 mod rest;
+mod sight;
 mod socket;
 mod stills;
 mod terrain;
+mod video;
 
 use error::ViewerError;
 use hub::Hub;
@@ -67,7 +74,7 @@ fn serve() -> Result<(), ViewerError> {
     let listener = io::stdin().as_fd().try_clone_to_owned().map(TcpListener::from).map_err(ViewerError::NotServed)?;
     listener.set_nonblocking(true).map_err(ViewerError::NotServed)?;
     listener.local_addr().map_err(ViewerError::NotServed)?;
-    let (link, news) = LauncherLink::open()?;
+    let (link, events) = LauncherLink::open()?;
     let terrain = Terrain::open(&link.setup.database)?;
     let runtime = tokio::runtime::Builder::new_multi_thread()
         .worker_threads(WORKERS)
@@ -77,12 +84,13 @@ fn serve() -> Result<(), ViewerError> {
         .map_err(ViewerError::Os)?;
     let hub = Arc::new(Hub::new(link, terrain));
     let _of_flight = flight_link::start(Arc::clone(&hub)).map_err(ViewerError::Os)?;
-    let _of_launcher = hub::news::listen(news, Arc::clone(&hub)).map_err(ViewerError::Os)?;
+    let _of_launcher = hub::launcher_events::listen(events, Arc::clone(&hub)).map_err(ViewerError::Os)?;
     let served = runtime.block_on(async {
         let listener = tokio::net::TcpListener::from_std(listener)?;
         tokio::spawn(rest::draw_exact_pictures(Arc::clone(&hub)));
         tokio::spawn(hub::flight_metrics::watch(Arc::clone(&hub)));
-        tokio::spawn(hub::wishes::tell_launcher(Arc::clone(&hub)));
+        tokio::spawn(hub::tile_map::watch(Arc::clone(&hub)));
+        tokio::spawn(hub::orders::tell_launcher(Arc::clone(&hub)));
         http::serve(listener, Arc::clone(&hub)).await;
         // Clients are told why; the rest of their sessions ends with the runtime.
         let end = Instant::now() + LEAVE_WITHIN;

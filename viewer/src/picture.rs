@@ -95,9 +95,22 @@ const RESTS: u8 = 1;
 const HAS_ALL_TILES: u8 = 2;
 const IS_LOSSLESS: u8 = 4;
 const IS_EXACT: u8 = 8;
+const IS_KEY: u8 = 16;
+
+/// What stands behind the header.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum FileKind {
+    /// A JPEG or PNG file, by the picture's level.
+    Still,
+    /// An access unit of H.264.
+    Video {
+        /// Nothing before it is needed.
+        is_key: bool,
+    },
+}
 
 /// The header of a client's picture number `n`, as docs/viewer.md has it.
-pub(crate) fn header(picture: &Picture, level: Level, n: u32) -> [u8; HEADER_BYTES] {
+pub(crate) fn header(picture: &Picture, level: Level, kind: FileKind, n: u32) -> [u8; HEADER_BYTES] {
     let mut header = [0; HEADER_BYTES];
     let mut at = 0;
     let mut put = |bytes: &[u8]| {
@@ -110,13 +123,18 @@ pub(crate) fn header(picture: &Picture, level: Level, n: u32) -> [u8; HEADER_BYT
         (picture.is_settled || is_exact, HAS_ALL_TILES),
         (is_exact, IS_LOSSLESS),
         (is_exact, IS_EXACT),
+        (kind == FileKind::Video { is_key: true }, IS_KEY),
     ];
     let flags = flags.into_iter().filter(|(is_set, _)| *is_set).map(|(_, flag)| flag).sum();
     put(b"TVPF");
     put(&1u16.to_le_bytes());
     put(&(HEADER_BYTES as u16).to_le_bytes());
     put(&n.to_le_bytes());
-    put(&[u8::from(is_exact), flags, level.quality(), 0]);
+    let (number, quality) = match kind {
+        FileKind::Still => (u8::from(is_exact), level.quality()),
+        FileKind::Video { .. } => (2, 0),
+    };
+    put(&[number, flags, quality, 0]);
     put(&picture.number.to_le_bytes());
     let [width, height] = picture.size;
     [width, height, picture.sent.id, picture.sent.client].iter().for_each(|number| put(&number.to_le_bytes()));
@@ -146,7 +164,9 @@ mod tests {
             since: Instant::now(),
             frame: SharedFrame::default(),
         };
-        let header = header(&picture, Level::Exact, 5);
+        let video = header(&picture, Level::Moving, FileKind::Video { is_key: true }, 5);
+        assert_eq!(video[12..16], [2, 2 + 16, 0, 0]);
+        let header = header(&picture, Level::Exact, FileKind::Still, 5);
         let u32_at = |at: usize| u32::from_le_bytes(header[at..at + 4].try_into().unwrap());
         let f64_at = |at: usize| f64::from_le_bytes(header[at..at + 8].try_into().unwrap());
         assert_eq!((&header[..4], u32_at(8), header[12], header[13], u32_at(16)), (&b"TVPF"[..], 5, 1, 15, 77));

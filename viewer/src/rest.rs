@@ -26,7 +26,7 @@ pub(crate) async fn draw_exact_pictures(hub: Arc<Hub>) {
         if !hub.is_newest(&picture) {
             continue;
         }
-        let order = hub.still_order(picture.pose, Some(picture.size));
+        let order = hub.still_order(picture.pose, Some(picture.size), true);
         tokio::select! {
             drawn = hub.stills.draw(&order) => {
                 done = Some(scene);

@@ -1,16 +1,12 @@
 //! Exact pictures: drawn by `terravision still`, one at a time, so that they are its bytes.
 
+use crate::command::{Running, ScratchFile, reason, terravision};
 use bytes::Bytes;
-use rustix::process::{Pid, Signal, kill_process};
-use std::ffi::OsString;
 use std::path::PathBuf;
-use std::process::Stdio;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
-use terravision_common::log;
 use terravision_common::viewer::{StreamSettings, ViewerPose, ViewerSetup};
 use tokio::io::AsyncReadExt;
-use tokio::process::{Child, Command};
 use tokio::sync::Semaphore;
 
 /// Most stills that wait to be drawn.
@@ -36,7 +32,7 @@ pub(crate) enum StillError {
 pub(crate) struct StillOrder {
     /// From where.
     pub(crate) pose: ViewerPose,
-    /// Width and height, pixels.
+    /// Width and height, pixels; of one eye.
     pub(crate) size: [u32; 2],
     /// As the flight shows it.
     pub(crate) settings: StreamSettings,
@@ -52,24 +48,6 @@ pub(crate) struct Stills {
     queue: Semaphore,
     turn: Semaphore,
     drawn: AtomicU64,
-}
-
-/// A still that is being drawn. Dropped while it is, it is told to end.
-struct Drawing {
-    child: Option<Child>,
-    file: PathBuf,
-}
-
-impl Drop for Drawing {
-    fn drop(&mut self) {
-        if let Some(mut child) = self.child.take() {
-            let pid = child.id().and_then(|pid| Pid::from_raw(pid.cast_signed()));
-            // It removes what it has made, and is waited for by the runtime.
-            pid.map(|pid| kill_process(pid, Signal::TERM).ok());
-            tokio::spawn(async move { child.wait().await });
-        }
-        std::fs::remove_file(&self.file).ok();
-    }
 }
 
 impl Stills {
@@ -122,29 +100,24 @@ impl Stills {
         let _place = self.queue.try_acquire().map_err(|_full| StillError::Busy)?;
         let _turn = self.turn.acquire().await.map_err(|_closed| StillError::Busy)?;
         let number = self.drawn.fetch_add(1, Ordering::Relaxed);
-        let file = self.scratch.join(format!("still-{}-{number}.png", std::process::id()));
+        let file = ScratchFile(self.scratch.join(format!("still-{}-{number}.png", std::process::id())));
         let failed = |error: std::io::Error| StillError::Failed(error.to_string());
-        let mut command = Command::new(&self.program);
-        command.args(self.arguments(order)).arg("--quiet").arg("-o").arg(&file);
-        command.arg("--child-of").arg(OsString::from(std::process::id().to_string())).envs(log::environment());
-        command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped());
-        let mut drawing = Drawing { child: Some(command.spawn().map_err(failed)?), file };
-        let Some(child) = drawing.child.as_mut() else { return Err(StillError::Busy) };
+        let output = ["--quiet".to_owned(), "-o".into(), file.0.display().to_string()];
+        let arguments = self.arguments(order).into_iter().chain(output).collect();
+        let mut running = Running::start(&mut terravision(&self.program, arguments)).map_err(failed)?;
         let mut said = String::new();
-        let stderr = child.stderr.take();
+        let stderr = running.stderr();
         let ended = tokio::time::timeout(LONGEST, async {
             if let Some(stderr) = stderr {
                 stderr.take(MESSAGE_BYTES).read_to_string(&mut said).await.ok();
             }
-            child.wait().await
+            running.ended().await
         });
-        let status = ended.await.map_err(|_late| StillError::Failed("it took too long".into()))?.map_err(failed)?;
-        drawing.child = None;
+        let code = ended.await.map_err(|_late| StillError::Failed("it took too long".into()))?.map_err(failed)?;
         // 3: some tiles were missing, and the picture says what there is.
-        if !matches!(status.code(), Some(0 | 3)) {
-            let last = said.lines().last().unwrap_or("it left no message");
-            return Err(StillError::Failed(last.trim_start_matches("terravision: ").to_owned()));
+        if !matches!(code, Some(0 | 3)) {
+            return Err(StillError::Failed(reason(&said)));
         }
-        std::fs::read(&drawing.file).map(Bytes::from).map_err(failed)
+        std::fs::read(&file.0).map(Bytes::from).map_err(failed)
     }
 }

@@ -34,6 +34,11 @@ impl Terrain {
         self.store.world().crs_frame()
     }
 
+    /// Whether places are degrees.
+    pub(crate) fn is_geographic(&self) -> bool {
+        self.store.manifest().fields().crs.proj4.as_ref().is_some_and(|proj4| proj4.contains("longlat"))
+    }
+
     /// Whether a place is so far from the world that the flight refuses to go there.
     pub(crate) fn is_far(&self, x: f64, y: f64) -> bool {
         let [low, high] = self.store.world().crs_bounds();
@@ -46,10 +51,15 @@ impl Terrain {
     /// and where no tile can be had. Blocks on storage.
     pub(crate) fn heights(&self, places: &[[f64; 2]]) -> Vec<Option<f64>> {
         let source = Kept { store: &self.store, tiles: Mutex::default() };
-        let (world, mut scratch) = (self.store.world(), TileScratch::default());
+        let (world, mut scratch, mut is_told) = (self.store.world(), TileScratch::default(), false);
         let height = |&[x, y]: &[f64; 2]| {
             let foot = world.crs_frame().foot([x, y].into());
-            let ground = ground_at(&source, world, foot.x, foot.y, &mut scratch).ok()??;
+            let read = ground_at(&source, world, foot.x, foot.y, &mut scratch);
+            if let (Err(error), false) = (&read, is_told) {
+                tracing::warn!(%error, "a question for heights met a tile that cannot be read");
+                is_told = true;
+            }
+            let ground = read.ok()??;
             (ground.validity != Validity::Hole).then_some(ground.height_m)
         };
         places.iter().map(height).collect()
@@ -58,15 +68,20 @@ impl Terrain {
     /// `world` of the protocol, without the camera's start.
     pub(crate) fn facts(&self) -> Value {
         let (world, manifest) = (self.store.world(), self.store.manifest().fields());
-        let [low, high] = world.crs_bounds().map(|place| place.to_array());
+        let [low, high] = world.crs_bounds();
+        // In the units of the CRS.
+        let node_side = (high - low) / DVec2::from(world.extent_m()) * world.node_side_m(0);
+        let ([low, high], node_side) = ([low, high].map(|place| place.to_array()), node_side.to_array());
         json!({
             "name": manifest.name,
             "crs": manifest.crs.name,
             "epsg": manifest.crs.epsg,
-            "is_geographic": manifest.crs.proj4.as_ref().is_some_and(|proj4| proj4.contains("longlat")),
+            "is_geographic": self.is_geographic(),
             "body": manifest.body.name,
             "bounds": [low, high],
             "heights": self.store.ranges().range(world.root()),
+            // Node m, n of level q is from the low corner of the bounds m and n times this, times 2^q.
+            "node_side": node_side,
             "post_spacing_m": world.elevation_spacing_m(world.finest_elevation_level()),
         })
     }

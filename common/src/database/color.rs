@@ -86,12 +86,22 @@ pub(crate) fn open_color_tile(bytes: &[u8]) -> Result<&[u8], ColorCodecError> {
 /// # Panics
 /// When `out` is shorter than [`color_tile_bytes`].
 pub fn decode_color_tile(bytes: &[u8], side: u32, out: &mut [u8]) -> Result<(), ColorCodecError> {
-    let picture = open_color_tile(bytes)?;
-    let side = side as usize;
-    let decoded = contained(|| decode_picture(picture, side, out));
-    decoded.unwrap_or_else(|error| Err(ColorCodecError::Picture { message: error.to_string() }))?;
-    make_mips(out, side);
+    decode_color_picture(bytes, side, out)?;
+    make_color_mips(out, side);
     Ok(())
+}
+
+/// [`decode_color_tile`], the first level alone.
+///
+/// # Errors
+/// [`ColorCodecError`].
+///
+/// # Panics
+/// When `out` is shorter than that level.
+pub fn decode_color_picture(bytes: &[u8], side: u32, out: &mut [u8]) -> Result<(), ColorCodecError> {
+    let picture = open_color_tile(bytes)?;
+    let decoded = contained(|| decode_picture(picture, side as usize, out));
+    decoded.unwrap_or_else(|error| Err(ColorCodecError::Picture { message: error.to_string() }))
 }
 
 fn decode_picture(picture: &[u8], side: usize, out: &mut [u8]) -> Result<(), ColorCodecError> {
@@ -127,9 +137,12 @@ fn mean_of_four(upper: [u8; 8], lower: [u8; 8]) -> [u8; 4] {
 
 /// Fills the mip levels after the first, each texel the mean of four (stored values; rounded to
 /// nearest).
-fn make_mips(out: &mut [u8], side: usize) {
+///
+/// # Panics
+/// When `out` is shorter than all levels.
+pub fn make_color_mips(out: &mut [u8], side: u32) {
     let mut rest = out;
-    let mut side = side;
+    let mut side = side as usize;
     for _ in 1..COLOR_MIPS {
         let (fine, after) = rest.split_at_mut(side * side * 4);
         let half = side / 2;

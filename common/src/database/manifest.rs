@@ -2,6 +2,7 @@
 
 use crate::files::read_bounded;
 use crate::lonlat::LonLatTable;
+use crate::tint::HeightColors;
 use crate::world::{World, WorldError, WorldFields};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
@@ -210,6 +211,9 @@ pub struct ColorLayer {
     pub sources: Vec<Source>,
     /// Spacing of texels on the finest level, metres.
     pub spacing_m: f64,
+    /// How such a tint was made; absent beside sources.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tint: Option<HeightColors>,
     /// Area without data that shows the tint, square metres.
     pub void_area_m2: f64,
     /// How tiles are encoded: "jpeg".

@@ -32,7 +32,9 @@ pub use archive::{Archive, ArchiveError, index_crc32, tile_coord};
 pub use archive_layout::{
     ARCHIVE_HEADER_BYTES, ArchiveLayout, Directory, MOST_DIRECTORY_BYTES, MOST_INDEX_BYTES, Place,
 };
-pub use color::{ColorCodecError, color_tile_bytes, decode_color_tile, seal_color_tile};
+pub use color::{
+    ColorCodecError, color_tile_bytes, decode_color_picture, decode_color_tile, make_color_mips, seal_color_tile,
+};
 pub use elevation::{
     ElevationCodecError, HEIGHT_STEPS_PER_M, decode_elevation_planes, decode_elevation_tile, encode_elevation_tile,
     encode_elevation_tile_with_validity,

@@ -85,6 +85,8 @@ mod frame_ring;
 #[cfg(not(loom))]
 mod header;
 #[cfg(not(loom))]
+mod large_pages;
+#[cfg(not(loom))]
 pub mod memory;
 #[cfg(not(loom))]
 mod named;
@@ -102,6 +104,8 @@ mod region;
 mod ring;
 #[cfg(not(loom))]
 mod segments;
+#[cfg(not(loom))]
+mod size;
 #[cfg(not(loom))]
 mod want_list;
 
@@ -143,4 +147,4 @@ pub use run_id::RunId;
 #[cfg(not(loom))]
 pub use segments::{RunSegments, SegmentMemory, free_bytes, reap_dead_runs};
 #[cfg(not(loom))]
-pub use want_list::{WantBell, WantHead, WantListReader, WantListWriter};
+pub use want_list::{WantBell, WantHead, WantListReader, WantListWatcher, WantListWriter};

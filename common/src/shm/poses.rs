@@ -8,12 +8,13 @@ use super::error::ShmError;
 use super::named::{self, CAMERA, NamedSegment, SharedName};
 use super::region::{Region, SharedWords};
 use super::seqlock::SeqLock;
+use super::size::{pack_size, unpack_size};
 use crate::sync::{AtomicU64, Ordering, fence};
 
 const RECORD_OFFSET: u64 = 64;
 const ANSWERS_OFFSET: u64 = 256;
 const TOTAL_BYTES: u64 = 4096;
-const WORDS: usize = 9;
+const WORDS: usize = 10;
 const IS_END: u64 = 1;
 
 // SAFETY: atomics alone, repr(C), aligned to 8.
@@ -34,6 +35,8 @@ pub struct PoseRecord {
     pub vfov_deg: f64,
     /// Time of the pose, seconds, in a monotonic clock of the sender.
     pub time_s: f64,
+    /// Wanted width and height of its picture, pixels; zeros: those of the flight.
+    pub size: [u32; 2],
     /// The end of the flight instead of a pose.
     pub is_end: bool,
 }
@@ -42,14 +45,16 @@ impl PoseRecord {
     fn words(&self) -> [u64; WORDS] {
         let [x, y, z] = self.position;
         let numbers = [x, y, z, self.heading_deg, self.pitch_deg, self.roll_deg, self.vfov_deg, self.time_s];
-        let mut words = [if self.is_end { IS_END } else { 0 }; WORDS];
+        let mut words = [0; WORDS];
         for (word, number) in words.iter_mut().zip(numbers) {
             *word = number.to_bits();
         }
+        words[WORDS - 2] = if self.is_end { IS_END } else { 0 };
+        words[WORDS - 1] = pack_size(self.size);
         words
     }
 
-    fn of([x, y, z, heading, pitch, roll, vfov, time, flags]: [u64; WORDS]) -> Self {
+    fn of([x, y, z, heading, pitch, roll, vfov, time, flags, size]: [u64; WORDS]) -> Self {
         Self {
             position: [x, y, z].map(f64::from_bits),
             heading_deg: f64::from_bits(heading),
@@ -57,6 +62,7 @@ impl PoseRecord {
             roll_deg: f64::from_bits(roll),
             vfov_deg: f64::from_bits(vfov),
             time_s: f64::from_bits(time),
+            size: unpack_size(size),
             is_end: flags & IS_END != 0,
         }
     }
@@ -159,6 +165,14 @@ impl PoseSender {
         lock.counter()
     }
 
+    /// The record that was sent last, by this sender or one before it; `None` before the first, or
+    /// while one is being replaced.
+    #[must_use]
+    pub fn newest(&self) -> Option<PoseRecord> {
+        let lock: &SeqLock<WORDS> = self.region.words(RECORD_OFFSET);
+        lock.read().map(PoseRecord::of)
+    }
+
     /// The last answers of the launcher.
     #[must_use]
     pub fn answers(&self) -> PoseAnswers {
@@ -186,6 +200,7 @@ mod tests {
         let mut inbox = PoseInbox::create(&name).unwrap();
         assert_eq!(inbox.read().unwrap(), None);
         let sender = PoseSender::open(&name).unwrap();
+        assert_eq!(sender.newest(), None);
         let mut record = PoseRecord {
             position: [1.0, 2.0, 3.0],
             heading_deg: 4.0,
@@ -193,6 +208,7 @@ mod tests {
             roll_deg: 6.0,
             vfov_deg: 0.0,
             time_s: 7.5,
+            size: [640, 360],
             is_end: false,
         };
         sender.send(&record);
@@ -204,6 +220,7 @@ mod tests {
         assert_eq!(sender.answers(), PoseAnswers { accepted: 1, refused: 0, looked_at: counter });
         record.is_end = true;
         // Another sender continues.
+        assert_eq!(PoseSender::open(&name).unwrap().newest().map(|newest| newest.time_s), Some(8.0));
         PoseSender::open(&name).unwrap().send(&record);
         assert_eq!(inbox.read().unwrap(), Some(record));
         assert!(!sender.is_ended());

@@ -102,14 +102,20 @@ impl WantListWriter {
 /// The prefetcher's end.
 #[derive(Debug)]
 pub struct WantListReader {
-    segment: Arc<Segment>,
-    seen: u64,
-    packed: Vec<u64>,
+    watcher: WantListWatcher,
     _claim: RoleClaim,
 }
 
-impl WantListReader {
-    /// Opens the reading end; waits a moment for the segment to become ready.
+/// Looks at the list; there may be several.
+#[derive(Debug)]
+pub struct WantListWatcher {
+    segment: Arc<Segment>,
+    seen: u64,
+    packed: Vec<u64>,
+}
+
+impl WantListWatcher {
+    /// Opens the list; waits a moment for the segment to become ready.
     ///
     /// # Errors
     /// See [`ShmError`].
@@ -117,11 +123,10 @@ impl WantListReader {
         Self::attach(&open_segment(run, SegmentKind::WantList)?)
     }
 
-    pub(crate) fn attach(segment: &Arc<Segment>) -> Result<Self, ShmError> {
+    fn attach(segment: &Arc<Segment>) -> Result<Self, ShmError> {
         check(segment)?;
-        let claim = RoleClaim::take(segment, Role::Reader)?;
         let packed = Vec::with_capacity(segment.geometry().capacity as usize);
-        Ok(Self { segment: Arc::clone(segment), seen: 0, packed, _claim: claim })
+        Ok(Self { segment: Arc::clone(segment), seen: 0, packed })
     }
 
     /// Copies the newest list into `tiles` if it is new; otherwise returns `None` and leaves
@@ -147,6 +152,30 @@ impl WantListReader {
         let (sequence, frame) = (Sequence::new(sequence), FrameNumber::new(frame));
         Ok(Some(WantHead { sequence, frame, is_last: flags & LAST != 0 }))
     }
+}
+
+impl WantListReader {
+    /// Opens the reading end; waits a moment for the segment to become ready.
+    ///
+    /// # Errors
+    /// See [`ShmError`].
+    pub fn open(run: &RunId) -> Result<Self, ShmError> {
+        Self::attach(&open_segment(run, SegmentKind::WantList)?)
+    }
+
+    pub(crate) fn attach(segment: &Arc<Segment>) -> Result<Self, ShmError> {
+        check(segment)?;
+        let claim = RoleClaim::take(segment, Role::Reader)?;
+        Ok(Self { watcher: WantListWatcher::attach(segment)?, _claim: claim })
+    }
+
+    /// As [`WantListWatcher::read`].
+    ///
+    /// # Errors
+    /// [`ShmError::Corrupt`] when the list counts more tiles than fit.
+    pub fn read(&mut self, tiles: &mut Vec<Tile>) -> Result<Option<WantHead>, ShmError> {
+        self.watcher.read(tiles)
+    }
 
     /// Sleeps until there is a newer list, the bell is rung ([`WantListReader::bell`]), `is_due`
     /// returns `true`, or `bound` has passed; at most [`super::WAIT_BOUND`]. Allocates nothing.
@@ -154,15 +183,17 @@ impl WantListReader {
     /// # Errors
     /// The run ended.
     pub fn wait(&self, control: &Control, bound: Duration, is_due: impl Fn() -> bool) -> Result<(), WaitError> {
-        let words: &WantWords = self.segment.words();
-        control.wait_once(words.bell(), bound, || Ok((words.is_newer_than(self.seen) || is_due()).then_some(())))?;
+        let words: &WantWords = self.watcher.segment.words();
+        control.wait_once(words.bell(), bound, || {
+            Ok((words.is_newer_than(self.watcher.seen) || is_due()).then_some(()))
+        })?;
         Ok(())
     }
 
     /// A bell that wakes [`WantListReader::wait`], from any thread of this process.
     #[must_use]
     pub fn bell(&self) -> WantBell {
-        WantBell { segment: Arc::clone(&self.segment) }
+        WantBell { segment: Arc::clone(&self.watcher.segment) }
     }
 }
 

@@ -11,6 +11,7 @@ mod avx2;
 mod avx512;
 mod instructions;
 mod portable;
+mod prefetch;
 #[cfg(test)]
 mod tests;
 
@@ -20,6 +21,7 @@ pub use avx2::Avx2;
 pub use avx512::Avx512;
 pub use instructions::{Instructions, Work};
 pub use portable::Portable;
+pub use prefetch::prefetch;
 
 use std::fmt::Debug;
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};

@@ -105,6 +105,7 @@ pub fn write_database(folder: &Path) {
             archive: elevation,
         },
         color: ColorLayer {
+            tint: None,
             sources: Vec::new(),
             spacing_m: 5.0,
             void_area_m2: 0.0,

@@ -30,6 +30,7 @@ use terravision_common::database::{
     ArchiveRecord, COLOR_FILE, ELEVATION_FILE, Manifest, NODES_FILE, NodesRecord, Voids, VoidsRecord,
 };
 use terravision_common::lonlat::LonLatTable;
+use terravision_common::tint::HeightColors;
 use terravision_common::world::World;
 
 /// A checked job.
@@ -241,7 +242,7 @@ impl Job {
         let voids_record =
             (summary.voids > 0).then_some(VoidsRecord { mode: self.voids, hole_area_m2: holes as f64 * post_area });
         let info = record::archive_info(plan, target, &self.name(), voids_record.is_some());
-        let (colors, voids) = self.color_levels(plan, target, color, &levels, folder, work)?;
+        let (colors, voids, tint) = self.color_levels(plan, target, color, &levels, folder, work)?;
         let texels = plan.color_size(world.finest_color_level()).iter().product::<u64>();
         if !color.is_empty() && voids == texels {
             return Err(IngestError::source(color[0].0.path(), "(colour) has no data where the elevation is"));
@@ -275,6 +276,7 @@ impl Job {
             voids: voids_record,
             quality: self.color_quality,
             archives: [elevation_record, color_record],
+            tint: Some(tint),
             nodes,
             lonlat: lonlat_table(plan, target, note),
             complete_level: None,
@@ -339,6 +341,7 @@ impl Job {
             voids: None,
             quality: self.color_quality,
             archives: [elevation_record, color_record],
+            tint: Some(nested.tint),
             nodes,
             lonlat: lonlat_table(plan, target, note),
             complete_level: (!is_whole).then(|| ranges.world().complete_level()),
@@ -368,7 +371,7 @@ impl Job {
         elevation: &[Level<f32>],
         folder: &Path,
         work: &Work,
-    ) -> Result<(Vec<Level<Rgb>>, u64), IngestError> {
+    ) -> Result<(Vec<Level<Rgb>>, u64, HeightColors), IngestError> {
         let world = &plan.world;
         // The terrain's range is taken from the finest level with at most a million posts.
         let is_small = |level: &Level<f32>| level.size().iter().product::<u64>() <= 1 << 20;
@@ -384,7 +387,7 @@ impl Job {
             let coarser = pyramid::color::coarser(&levels[levels.len() - 1], plan.color_size(q), folder, work)?;
             levels.push(coarser);
         }
-        Ok((levels, voids))
+        Ok((levels, voids, tint.colors()))
     }
 
     /// The database's name: its folder's.
@@ -464,6 +467,7 @@ pub(crate) fn record_of(
         voids: None,
         quality: ColorQuality::Default.jpeg(),
         archives,
+        tint: None,
         nodes,
         lonlat: crate::lonlat::table(target, &plan.world),
         complete_level: None,

@@ -12,6 +12,7 @@ use terravision_common::database::{
     ManifestFields, NodesRecord, Source, Voids, VoidsRecord,
 };
 use terravision_common::lonlat::LonLatTable;
+use terravision_common::tint::HeightColors;
 use terravision_common::world::World;
 
 /// Inputs of a manifest.
@@ -29,6 +30,8 @@ pub(super) struct Parts<'a> {
     pub(super) quality: u8,
     pub(super) archives: [ArchiveRecord; 2],
     pub(super) nodes: NodesRecord,
+    /// How a tint was made, of all colour or of parts of it.
+    pub(super) tint: Option<HeightColors>,
     /// With sparse levels: from which level on all nodes exist.
     pub(super) complete_level: Option<u8>,
     pub(super) lonlat: Option<LonLatTable>,
@@ -93,6 +96,8 @@ pub(super) fn manifest(parts: Parts<'_>) -> Manifest {
             archive: parts.archives[0],
         },
         color: ColorLayer {
+            // Of the tint that fills parts of pictures nothing is told: they cannot be lit apart.
+            tint: parts.tint.filter(|_| parts.color.is_empty()),
             sources: color.collect(),
             spacing_m: plan.color.step,
             void_area_m2: parts.void_areas_m2[1],

@@ -33,6 +33,7 @@ use std::path::Path;
 use terravision_common::database::Layer;
 use terravision_common::level::deepest_color_below;
 use terravision_common::node::NodeId;
+use terravision_common::tint::HeightColors;
 
 /// The levels of both pyramids, which of their nodes exist, and what was found.
 pub(crate) struct Nested {
@@ -41,6 +42,8 @@ pub(crate) struct Nested {
     pub(crate) color: Vec<Level<Rgb>>,
     pub(crate) color_nodes: Nodes,
     pub(crate) summary: Summary,
+    /// Of the tint.
+    pub(crate) tint: HeightColors,
     /// Area without elevation data, and without colour.
     pub(crate) void_areas_m2: [f64; 2],
 }
@@ -77,7 +80,7 @@ impl Sources<'_> {
         let tint = Tint::new(posts, overview_m, overview_m, (posts, overview_m), self.place).map_err(fail)?;
         let color =
             color::Color { plan, target, sources: self.color, elevation: &elevation, tint: &tint, folder, work };
-        let color = color.levels()?;
+        let (color, colors) = (color.levels()?, tint.colors());
         note(Note::Info(format!(
             "the finest levels are only where the data are as fine: {} elevation and {} colour tiles",
             elevation.nodes.count(),
@@ -89,6 +92,7 @@ impl Sources<'_> {
             color: color.levels,
             color_nodes: color.nodes,
             summary: elevation.summary,
+            tint: colors,
             void_areas_m2: [elevation.void_area_m2, color.tint_area_m2],
         })
     }

@@ -46,6 +46,15 @@ pub struct CourseArgs {
     pub pose: PoseArgs,
 }
 
+impl CourseArgs {
+    /// A path by itself, and nothing else asked for.
+    #[must_use]
+    pub fn of_path(path: PathBuf) -> Self {
+        let (agl, orbit, pose) = (AglArgs::default(), OrbitArgs::default(), PoseArgs::default());
+        Self { path, frames: None, fps: None, speed: None, rests: Rests::Shorten, agl, orbit, pose }
+    }
+}
+
 /// What becomes of the rests of a recorded track.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Rests {

@@ -1,14 +1,13 @@
 //! `terravision fly`, as typed.
 
 use super::course::CourseArgs;
-use super::database::DatabaseArgs;
+use super::draw::DrawArgs;
 use super::film::FilmArgs;
+use super::labels::LabelArgs;
 use super::live::LiveArgs;
 use super::measurements::MeasurementArgs;
-use super::picture::PictureArgs;
 use super::planes::PlaneArgs;
 use super::realtime::RealtimeArgs;
-use super::resources::ResourceArgs;
 use super::supervision::SupervisionArgs;
 use clap::Args;
 use std::path::PathBuf;
@@ -30,10 +29,6 @@ EXAMPLES
 The camera stays at least 2 m above the ground: lower poses are lifted, and a warning says how
 many frames that were.")]
 pub struct FlyArgs {
-    /// The terrain database: a folder that `terravision ingest` made, a .tar of it, or where a copy
-    /// is: http://, https:// or s3://bucket/prefix (docs/databases.md)
-    #[arg(value_name = "WORLD")]
-    pub world: PathBuf,
     /// Where the frames go: a film (.mp4, .mov, .mkv, .webm, .gif), a folder DIR/ for
     /// frame-000000.png and so on, - for Y4M on standard output, or shared:NAME for other programs;
     /// /dev/null draws and discards them
@@ -48,7 +43,10 @@ pub struct FlyArgs {
     pub course: CourseArgs,
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
-    pub picture: PictureArgs,
+    pub draw: DrawArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub labels: LabelArgs,
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub film: FilmArgs,
@@ -64,12 +62,6 @@ pub struct FlyArgs {
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub supervision: SupervisionArgs,
-    #[command(flatten)]
-    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
-    pub resources: ResourceArgs,
-    #[command(flatten)]
-    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
-    pub database: DatabaseArgs,
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub measurements: MeasurementArgs,

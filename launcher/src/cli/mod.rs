@@ -3,8 +3,11 @@
 
 pub mod course;
 pub mod database;
+pub mod draw;
 pub mod film;
 pub mod fly;
+pub mod labels;
+pub mod light;
 pub mod live;
 pub mod measurements;
 pub mod path;
@@ -19,6 +22,7 @@ pub mod still;
 pub mod supervision;
 pub mod technique;
 pub mod values;
+pub mod view;
 
 use clap::{Args, Parser, Subcommand};
 use database::DatabaseArgs;
@@ -29,6 +33,7 @@ use std::ffi::OsString;
 use std::path::PathBuf;
 use still::StillArgs;
 use values::MemorySize;
+use view::ViewArgs;
 
 const AFTER_HELP: &str = "\
 A world from nothing, flown:
@@ -98,6 +103,8 @@ pub enum Command {
     Still(Box<StillArgs>),
     /// Show the world in web browsers: look around, with live pictures over one WebSocket
     Serve(Box<ServeArgs>),
+    /// Open a window and fly in it
+    View(Box<ViewArgs>),
     /// Write the poses of a camera path, one per frame, as JSON that can be edited and flown
     Path(Box<PathArgs>),
     /// Measure how fast the stages, the queues between them, both techniques and ingest are

@@ -18,6 +18,10 @@ pub struct PathArgs {
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub course: CourseArgs,
+    /// Write keyframes where the path has them (keyframes of JSON, tours and views of KML), not a
+    /// pose for every frame
+    #[arg(long, conflicts_with_all = ["frames", "fps", "speed"])]
+    pub keyframes: bool,
     /// Vertical field of view, degrees, written into the path [default: the path's own, else none:
     /// it is then flown with 60]
     #[arg(long, value_name = "DEGREES")]

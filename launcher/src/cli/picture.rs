@@ -1,5 +1,6 @@
 //! How the picture is made, as typed.
 
+use super::light::LightArgs;
 use super::planes::PLANES_HEADING;
 use super::stereo::StereoArgs;
 use super::technique::{CompressionArg, MadeUpArg, MeasureChoice, RaysArg, TechniqueArg};
@@ -28,6 +29,9 @@ pub struct PictureArgs {
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub stereo: StereoArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub light: LightArgs,
     /// Vertical field of view, degrees [default: the path's own, else 60, which is 91.5 across at
     /// 16:9]
     #[arg(long, value_name = "DEGREES", conflicts_with = "hfov")]

@@ -1,13 +1,13 @@
 //! `terravision serve`, as typed.
 
 use super::database::DatabaseArgs;
-use super::picture::PictureArgs;
-use super::resources::ResourceArgs;
+use super::draw::DrawArgs;
+use super::values::{self, MemorySize};
 use clap::parser::ValueSource;
 use clap::{ArgMatches, Args, Command, FromArgMatches};
 use std::ffi::OsString;
 use std::net::SocketAddr;
-use std::path::PathBuf;
+use std::time::Duration;
 
 /// `terravision serve`.
 #[derive(Debug, Args)]
@@ -20,12 +20,8 @@ EXAMPLES
 The first line on standard output is the address to open. Ctrl-C ends it. docs/viewer.md describes
 what programs can ask of it.")]
 pub struct ServeArgs {
-    /// The terrain database: a folder that `terravision ingest` made, a .tar of it, or where a copy
-    /// is: http://, https:// or s3://bucket/prefix (docs/databases.md)
-    #[arg(value_name = "WORLD")]
-    pub world: PathBuf,
     /// Where it listens; port 0 takes a free one. What other machines can reach needs --token
-    #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:8080")]
+    #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:8080", value_parser = parse_address)]
     pub addr: SocketAddr,
     /// Also open the page in this machine's browser
     #[arg(long)]
@@ -39,6 +35,13 @@ pub struct ServeArgs {
     /// Pages of this origin may show the page in a frame, e.g. `https://example.org`
     #[arg(long, value_name = "ORIGIN")]
     pub allow_embed: Vec<String>,
+    /// Most bytes that films may take, which are made from the page and kept until the server ends
+    #[arg(long, value_name = "SIZE", default_value = "4GiB")]
+    pub film_bytes: MemorySize,
+    /// End the flight when nobody has looked for this many seconds; it is started again for the next
+    /// one who does
+    #[arg(long, value_name = "SECONDS", default_value = "60", value_parser = values::parse_timeout)]
+    pub rest_after: Duration,
     /// Frames per second to hold [default: 30]
     #[arg(long, value_name = "N")]
     pub fps: Option<f64>,
@@ -47,15 +50,18 @@ pub struct ServeArgs {
     pub shared: SharedFlags,
 }
 
+/// Where to listen, as typed.
+fn parse_address(text: &str) -> Result<SocketAddr, String> {
+    let typed = text.strip_prefix("localhost:").map(|port| format!("127.0.0.1:{port}"));
+    let address = typed.as_deref().unwrap_or(text).parse();
+    address.map_err(|_error| "expected an IP address and a port, e.g. 127.0.0.1:8080 or [::1]:8080".to_owned())
+}
+
 /// Flags that flight and stills have in common, checked and as they were typed.
 #[derive(Debug)]
 pub struct SharedFlags {
-    /// How the picture is made.
-    pub picture: PictureArgs,
-    /// What a run may use.
-    pub resources: ResourceArgs,
-    /// How the database is read.
-    pub database: DatabaseArgs,
+    /// What the flight draws, and how.
+    pub draw: DrawArgs,
     /// Those that were given: the flag, and its values.
     pub given: Vec<(String, Vec<OsString>)>,
 }
@@ -68,6 +74,21 @@ impl SharedFlags {
         given.flat_map(|(flag, values)| [OsString::from(flag)].into_iter().chain(values.iter().cloned())).collect()
     }
 
+    /// Those of them that say how the database is read.
+    #[must_use]
+    pub fn of_database(&self) -> Vec<OsString> {
+        let known = DatabaseArgs::augment_args(Command::new("database"));
+        let is_of_it =
+            |flag: &str| known.get_arguments().filter_map(|argument| argument.get_long()).any(|long| long == flag);
+        let others: Vec<&str> = self
+            .given
+            .iter()
+            .map(|(flag, _)| flag.as_str())
+            .filter(|flag| !is_of_it(flag.trim_start_matches('-')))
+            .collect();
+        self.without(&others)
+    }
+
     /// The value that was given for a flag.
     #[must_use]
     pub fn value(&self, name: &str) -> Option<String> {
@@ -78,7 +99,7 @@ impl SharedFlags {
 
 impl Args for SharedFlags {
     fn augment_args(command: Command) -> Command {
-        DatabaseArgs::augment_args(ResourceArgs::augment_args(PictureArgs::augment_args(command)))
+        DrawArgs::augment_args(command)
     }
 
     fn augment_args_for_update(command: Command) -> Command {
@@ -96,12 +117,7 @@ impl FromArgMatches for SharedFlags {
             let values = matches.get_raw(id).filter(|_| argument.get_action().takes_values());
             Some((format!("--{flag}"), values.into_iter().flatten().map(OsString::from).collect()))
         });
-        Ok(Self {
-            picture: PictureArgs::from_arg_matches(matches)?,
-            resources: ResourceArgs::from_arg_matches(matches)?,
-            database: DatabaseArgs::from_arg_matches(matches)?,
-            given: given.collect(),
-        })
+        Ok(Self { draw: DrawArgs::from_arg_matches(matches)?, given: given.collect() })
     }
 
     fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
@@ -125,10 +141,13 @@ mod tests {
     #[test]
     fn shared_flags_are_checked_and_kept_as_typed() {
         let args = serve(&["--facet-px=4", "--validation", "--requests", "3", "--token", "abcdefgh", "--fps", "20"]);
-        assert_eq!(args.shared.picture.facet_px, Some(4.0));
+        assert_eq!(args.shared.draw.picture.facet_px, Some(4.0));
         assert_eq!(args.shared.without(&["--facet-px"]), ["--validation", "--requests", "3"]);
+        assert_eq!(args.shared.of_database(), ["--requests", "3"]);
         assert_eq!((args.shared.value("--facet-px"), args.shared.value("--texel-px")), (Some("4".into()), None));
         assert!(serve(&[]).shared.given.is_empty());
+        assert_eq!(serve(&["--addr", "localhost:7"]).addr, serve(&["--addr", "127.0.0.1:7"]).addr);
+        assert!(Cli::try_parse_from(["terravision", "serve", "w.tv", "--addr", "127.0.0.1"]).is_err());
         assert!(Cli::try_parse_from(["terravision", "serve", "w.tv", "--facet-px", "x"]).is_err());
     }
 }

@@ -1,11 +1,10 @@
 //! `terravision still`, as typed.
 
-use super::database::DatabaseArgs;
+use super::draw::DrawArgs;
+use super::labels::LabelArgs;
 use super::measurements::MeasurementArgs;
-use super::picture::PictureArgs;
 use super::planes::PLANES_HEADING;
 use super::pose::PoseArgs;
-use super::resources::ResourceArgs;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -18,10 +17,6 @@ EXAMPLES
   terravision still w.tv --eye 560000,4980000,3500 --heading 90 --pitch -20 --size 640x480 \\
       --quality best -o a.png --depth depth.tif --ground ground.tif")]
 pub struct StillArgs {
-    /// The terrain database: a folder that `terravision ingest` made, a .tar of it, or where a copy
-    /// is: http://, https:// or s3://bucket/prefix (docs/databases.md)
-    #[arg(value_name = "WORLD")]
-    pub world: PathBuf,
     /// The picture, a PNG file
     #[arg(short, long, value_name = "FILE.png")]
     pub output: PathBuf,
@@ -33,7 +28,10 @@ pub struct StillArgs {
     pub agl: bool,
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
-    pub picture: PictureArgs,
+    pub draw: DrawArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub labels: LabelArgs,
     /// Also write the depth of every pixel: float32 TIFF, metres along the view axis, NaN for sky
     #[arg(long, value_name = "FILE.tif", help_heading = PLANES_HEADING)]
     pub depth: Option<PathBuf>,
@@ -41,12 +39,6 @@ pub struct StillArgs {
     /// height, NaN for sky
     #[arg(long, value_name = "FILE.tif", help_heading = PLANES_HEADING)]
     pub ground: Option<PathBuf>,
-    #[command(flatten)]
-    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
-    pub resources: ResourceArgs,
-    #[command(flatten)]
-    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
-    pub database: DatabaseArgs,
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub measurements: MeasurementArgs,

@@ -1,10 +1,11 @@
-//! `terravision path`: the poses of a camera path, one per frame, as a JSON path.
+//! `terravision path`: the poses of a camera path, one per frame or as keyframes, as a JSON path.
 
 use crate::cli::path::PathArgs;
 use crate::failure::Failure;
 use crate::flight::progress::Progress;
 use crate::output::TemporaryFile;
-use crate::path::{PathSettings, Pose};
+use crate::path::spline::Spline;
+use crate::path::{Course, PathSettings, Pose};
 use crate::plan::{self, LoadedPath};
 use crate::world::open_world;
 use anyhow::{Context, anyhow};
@@ -12,6 +13,9 @@ use serde_json::{Map, Value, json};
 use std::io::{self, Write};
 use std::path::Path;
 use terravision_common::shm::RunId;
+
+/// Between the two keyframes of a cut, seconds.
+const CUT_S: f64 = 1e-3;
 
 /// Writes them.
 ///
@@ -27,25 +31,71 @@ pub fn export(args: &PathArgs) -> Result<(), Failure> {
     let progress = Progress::new(0, false);
     notes.iter().for_each(|note| progress.note(note));
     warnings.iter().for_each(|warning| progress.warn(warning));
-    let (fps, speed) = plan::pace(&args.course, &path)?;
-    let [first, end] = plan::frame_range(args.course.frames, &path.course, fps, speed)?;
     let crs = &database.manifest().fields().crs;
     let name = crs.epsg.map_or_else(|| crs.name.clone(), |epsg| format!("EPSG:{epsg}"));
-    let head = head(&name, fps, &settings);
-    let poses = (first..end).map(|frame| path.course.pose(frame, fps, speed));
+    match &path.course {
+        Course::Timed(pieces) if args.keyframes => {
+            let mut head = head(&name, settings.fps, &settings);
+            let target = pieces.first().and_then(Spline::target);
+            target.map(|target| head.insert("target".into(), json!(target.to_array())));
+            put_out(args, &head, "keyframes", keyframes(pieces))
+        }
+        course => {
+            let (fps, speed) = plan::pace(&args.course, &path)?;
+            let [first, end] = plan::frame_range(args.course.frames, course, fps, speed)?;
+            let poses = (first..end).filter_map(|frame| course.pose(frame, fps, speed));
+            put_out(args, &head(&name, Some(fps), &settings), "frames", poses.map(|pose| value(&pose)))
+        }
+    }
+}
+
+/// Writes to where it is asked for.
+fn put_out(
+    args: &PathArgs,
+    head: &Map<String, Value>,
+    list: &str,
+    poses: impl Iterator<Item = Value>,
+) -> Result<(), Failure> {
     if args.output == Path::new("-") {
         let mut out = io::stdout().lock();
-        return write(&mut out, &head, poses).context("cannot write to standard output").map_err(Failure::failed);
+        return write(&mut out, head, list, poses).context("cannot write to standard output").map_err(Failure::failed);
     }
     let run = RunId::new_for_this_process().map_err(Failure::failed)?.to_string();
     let file = TemporaryFile::create(&args.output, &run).map_err(Failure::bad_input)?;
-    file.finish_with(|writer| write(writer, &head, poses)).map_err(|error| Failure::failed(anyhow!(error)))
+    file.finish_with(|writer| write(writer, head, list, poses)).map_err(|error| Failure::failed(anyhow!(error)))
 }
 
-fn head(crs: &str, fps: f64, settings: &PathSettings) -> Map<String, Value> {
+/// The keyframes of all pieces; a cut becomes two moments that nothing lies between.
+fn keyframes(pieces: &[Spline]) -> impl Iterator<Item = Value> {
+    let mut last = f64::NEG_INFINITY;
+    pieces.iter().flat_map(Spline::keys).map(move |key| {
+        let t = key.t.max(last + CUT_S);
+        last = t;
+        let mut keyframe = json!({"t": t});
+        if let (Some(all), Value::Object(pose)) = (keyframe.as_object_mut(), value(&key.pose)) {
+            all.extend(pose);
+        }
+        if key.is_stop {
+            keyframe["rest"] = json!(true);
+        }
+        keyframe
+    })
+}
+
+fn value(pose: &Pose) -> Value {
+    let [x, y, z] = pose.position.to_array();
+    let (heading, pitch) = (pose.heading_rad.to_degrees(), pose.pitch_rad.to_degrees());
+    let mut value = json!({"x": x, "y": y, "z": z, "heading": heading, "pitch": pitch});
+    if pose.roll_rad != 0.0 {
+        value["roll"] = json!(pose.roll_rad.to_degrees());
+    }
+    value
+}
+
+fn head(crs: &str, fps: Option<f64>, settings: &PathSettings) -> Map<String, Value> {
     let mut head = Map::new();
     head.insert("crs".into(), json!(crs));
-    head.insert("fps".into(), json!(fps));
+    fps.map(|fps| head.insert("fps".into(), json!(fps)));
     if let (Some(width), Some(height)) = (settings.width, settings.height) {
         head.insert("width".into(), json!(width));
         head.insert("height".into(), json!(height));
@@ -66,21 +116,16 @@ fn head(crs: &str, fps: f64, settings: &PathSettings) -> Map<String, Value> {
 fn write(
     writer: &mut impl Write,
     head: &Map<String, Value>,
-    poses: impl Iterator<Item = Option<Pose>>,
+    list: &str,
+    poses: impl Iterator<Item = Value>,
 ) -> io::Result<()> {
     writer.write_all(b"{")?;
     for (key, value) in head {
         write!(writer, "{}: {value}, ", Value::from(key.as_str()))?;
     }
-    writer.write_all(b"\"frames\": [")?;
-    for (i, pose) in poses.flatten().enumerate() {
-        let [x, y, z] = pose.position.to_array();
-        let (heading, pitch) = (pose.heading_rad.to_degrees(), pose.pitch_rad.to_degrees());
-        let mut frame = json!({"x": x, "y": y, "z": z, "heading": heading, "pitch": pitch});
-        if pose.roll_rad != 0.0 {
-            frame["roll"] = json!(pose.roll_rad.to_degrees());
-        }
-        write!(writer, "{}\n  {frame}", if i == 0 { "" } else { "," })?;
+    write!(writer, "\"{list}\": [")?;
+    for (i, pose) in poses.enumerate() {
+        write!(writer, "{}\n  {pose}", if i == 0 { "" } else { "," })?;
     }
     writer.write_all(b"\n]}\n")?;
     writer.flush()
@@ -89,7 +134,7 @@ fn write(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::path::Course;
+    use crate::path::spline::Key;
     use crate::path::tests::parse_text;
     use glam::DVec3;
 
@@ -98,7 +143,8 @@ mod tests {
         let pose = Pose { position: DVec3::new(5e5, 4e6, 2.5), heading_rad: 1.0, pitch_rad: -0.25, roll_rad: 0.125 };
         let settings = PathSettings { vfov_rad: Some(0.75), sky_rgb: Some([1, 2, 3]), ..PathSettings::default() };
         let mut bytes = Vec::new();
-        write(&mut bytes, &head("EPSG:32610", 25.0, &settings), [Some(pose); 3].into_iter()).unwrap();
+        let head = head("EPSG:32610", Some(25.0), &settings);
+        write(&mut bytes, &head, "frames", [pose; 3].iter().map(value)).unwrap();
         let path = parse_text(&String::from_utf8(bytes).unwrap()).unwrap();
         assert_eq!((path.settings.sky_rgb, path.settings.fps), (Some([1, 2, 3]), Some(25.0)));
         assert!((path.settings.vfov_rad.unwrap() - 0.75).abs() < 1e-12);
@@ -106,5 +152,28 @@ mod tests {
         assert_eq!(poses.len(), 3);
         assert_eq!(poses[0].position, pose.position);
         assert!((poses[0].roll_rad - pose.roll_rad).abs() < 1e-12);
+    }
+
+    #[test]
+    fn keyframes_read_back_as_the_same_way_with_rests_cuts_and_target() {
+        let pose =
+            |x: f64| Pose { position: DVec3::new(x, 9.0, 5.0), heading_rad: 1.0, pitch_rad: -0.25, roll_rad: 0.0 };
+        let piece = |first: f64, is_stop| {
+            let keys = [0.0, 1.0, 3.0].map(|t| Key { is_stop, ..Key::passing(first + t, pose(10.0 * (first + t))) });
+            Spline::new(&keys).unwrap().looking_at(Some(DVec3::ZERO))
+        };
+        let pieces = [piece(0.0, true), piece(3.0, false)];
+        let mut bytes = Vec::new();
+        let mut head = head("EPSG:32610", None, &PathSettings::default());
+        head.insert("target".into(), json!([0.0, 0.0, 0.0]));
+        write(&mut bytes, &head, "keyframes", keyframes(&pieces)).unwrap();
+        let path = parse_text(&String::from_utf8(bytes).unwrap()).unwrap();
+        let Course::Timed(read) = &path.course else { panic!("no keyframes") };
+        assert_eq!((read.len(), read[0].keys().filter(|key| key.is_stop).count()), (1, 3));
+        for t in [0.0, 0.5, 1.0, 2.9] {
+            let [found, expected] = [read[0].pose(t), pieces[0].pose(t)];
+            assert!(found.position.distance(expected.position) < 1e-9, "{t}: {found:?}");
+            assert!((found.heading_rad - expected.heading_rad).abs() < 1e-9, "{t}: {found:?}");
+        }
     }
 }

@@ -62,7 +62,8 @@ pub fn run(mut plan: FlightPlan, started_nanos: u64) -> Result<(), Failure> {
     let mut run = Run::open(&plan, ring)?;
     run.phases.push(Phase::own("plan", started_nanos, planned_nanos));
     run.phases.push(Phase::own("set up", planned_nanos, monotonic_nanos()));
-    if let Some(live) = &plan.live {
+    // Poses come from its own window, else from a program that the user starts.
+    if let Some(live) = plan.live.as_ref().filter(|_| plan.config.render.window.is_none()) {
         progress.say(&format!("waiting for poses at {}", live.input.place()));
     }
     run.serve_metrics(&mut plan, &progress)?;

@@ -78,7 +78,8 @@ fn write_report_of_troubled_flight(plan: FlightPlan, stats: &RunStats, progress:
 /// Gives the results their names, writes report and trace, says how it went.
 fn finished(plan: FlightPlan, stats: &RunStats, progress: &Progress) -> Result<(), Failure> {
     let asked = stats.asked_frames;
-    if asked == 0 {
+    // Who closes a window before the first picture has seen enough.
+    if asked == 0 && plan.config.render.window.is_none() {
         return Err(Failure::failed(anyhow!("no pose came before the end of the flight")));
     }
     if stats.written_frames < asked {
@@ -95,7 +96,9 @@ fn finished(plan: FlightPlan, stats: &RunStats, progress: &Progress) -> Result<(
         file.finish_with(|writer| trace::write(writer, stats)).map_err(Failure::failed)?;
     }
     summary::network_summary(&report).iter().for_each(|summary| progress.say(summary));
-    progress.say(&format!("{} → {}", summary::summary(&report), plan.destination));
+    let has_sizes = plan.config.render.window.as_ref().is_some_and(|window| window.has_sizes);
+    let summary = summary::summary(&report, stats.collector.forgotten(), has_sizes);
+    progress.say(&format!("{summary} → {}", plan.destination));
     if report.is_as_promised() {
         return Ok(());
     }

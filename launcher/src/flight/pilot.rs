@@ -14,7 +14,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, OnceLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
-use terravision_common::camera::Camera;
+use terravision_common::camera::{Camera, is_cut};
 use terravision_common::event::monotonic_nanos;
 use terravision_common::ids::{FrameNumber, Sequence};
 use terravision_common::run::Prediction;
@@ -34,8 +34,6 @@ const LOOK_EVERY: Duration = Duration::from_millis(2);
 const LONGEST_SLEEP: Duration = Duration::from_millis(100);
 /// Between two cameras that are foretold.
 const FORETOLD_NANOS: f64 = 1e8;
-/// A step this many times as long as those before and after is a cut of the path.
-const CUT: f64 = 8.0;
 
 /// The thread that flies.
 #[derive(Debug)]
@@ -305,8 +303,8 @@ fn camera_at(cameras: &[Camera], frame: usize, part: f64) -> Camera {
     let at = |index: usize| cameras[index.min(cameras.len() - 1)];
     let (from, to) = (at(frame), at(frame + 1));
     let step = |a: Camera, b: Camera| a.eye().distance(b.eye());
-    let around = step(at(frame.saturating_sub(1)), from).max(step(to, at(frame + 2)));
-    if step(from, to) > CUT * around + 1.0 && cameras.len() > 3 { from } else { from.toward(&to, part) }
+    let around = [step(at(frame.saturating_sub(1)), from), step(to, at(frame + 2))];
+    if cameras.len() > 3 && is_cut(step(from, to), around) { from } else { from.toward(&to, part) }
 }
 
 #[cfg(test)]

@@ -238,7 +238,7 @@ impl Run {
         // Against the clock, a flight of poses has the frames that were drawn until it was ended.
         let drawn = (is_live && flown.frames.is_none()).then(|| self.control.written_frames());
         if let Some(drawn) = drawn {
-            self.telemetry.collector.frames.truncate(usize::try_from(drawn).unwrap_or(usize::MAX));
+            self.telemetry.collector.end_after(drawn);
         }
         self.asked_frames = flown.frames.or(drawn).unwrap_or(self.asked_frames);
         self.telemetry.collector.note_poses(&flown.poses);

@@ -7,14 +7,13 @@ use crate::output::TemporaryFile;
 use crate::plan::FlightPlan;
 use anyhow::anyhow;
 use std::path::Path;
-use terravision_common::run::RunConfig;
 use terravision_common::shm::{FrameRing, FrameShape, RunSegments, SharedName, ShmError, end_on_bus_error};
 
 /// The frame ring that other programs shall read, if one is asked for.
 pub(super) fn frame_ring(plan: &FlightPlan) -> Result<Option<FrameRing>, Failure> {
-    let RunConfig { width, height, render, .. } = &plan.config;
-    let Some(share) = &render.share else { return Ok(None) };
-    let shape = FrameShape { size: [*width, *height], has_depth: share.has_depth, has_ground: share.has_ground };
+    let Some(share) = &plan.config.render.share else { return Ok(None) };
+    let shape =
+        FrameShape { size: plan.config.output_size(), has_depth: share.has_depth, has_ground: share.has_ground };
     let ring = SharedName::parse(&share.name).and_then(|name| FrameRing::create(&name, shape));
     ring.map(Some).map_err(|error| match error {
         ShmError::NameTaken { .. } | ShmError::NotOurs { .. } => Failure::bad_input(error),

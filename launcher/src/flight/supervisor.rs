@@ -4,6 +4,7 @@
 use super::hang::Hang;
 use super::restart::Restarts;
 use super::stage::StageProcess;
+use crate::process::interrupt;
 use crate::process::signals::{HUP, INT, TERM, killed_by};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::Signal;
@@ -136,7 +137,7 @@ impl Watch<'_> {
         };
         let is_sure = !matches!(weight, STOPPED | SIGNALLED)
             || self.first_stopped.get_or_insert_with(Instant::now).elapsed() > SIGNAL_GRACE;
-        if (self.is_interrupted)() {
+        if (self.is_interrupted)() || is_told_to_end(weight) {
             self.end(RunState::Stopping, Ending::Interrupted);
         } else if is_sure {
             self.end(RunState::Failed, Ending::Died(death));
@@ -196,7 +197,7 @@ fn revive(
         // was told to stop.
         let is_given_up =
             status.code().is_some_and(|code| code != PANICKED) && control.completed_sequence() == Sequence::NONE;
-        if weight == STOPPED || is_given_up {
+        if weight == STOPPED || is_given_up || is_told_to_end(weight) {
             continue;
         }
         // A signal that a terminal sends may come to this program in a moment, too.
@@ -226,6 +227,12 @@ const GAVE_UP: u32 = 1;
 const SIGNALLED: u32 = 2;
 /// Exit code of a Rust program that panicked.
 const PANICKED: i32 = 101;
+
+/// Whether an end of this weight is that of a whole group of processes that were told to end, as
+/// service managers do: this program, too.
+fn is_told_to_end(weight: u32) -> bool {
+    matches!(weight, STOPPED | SIGNALLED) && interrupt::is_interrupted()
+}
 
 /// The death that the end of a stage is, unless it ended in good order, and how much it tells: when
 /// several stages are dead at once, one that was killed brought down those that gave up.

@@ -24,8 +24,11 @@ impl Telemetry {
     pub(super) fn open(plan: &FlightPlan) -> Result<Self, Failure> {
         let events: Result<Vec<_>, ShmError> =
             Stage::ALL.into_iter().map(|stage| Ok((stage, Consumer::open(&plan.run, stage.events())?))).collect();
-        let collector = Collector::new(plan.config.frame_numbers().start, plan.cameras.len(), plan.trace.is_some());
-        let mut collector = collector.open_ended(plan.live.is_some());
+        let mut collector = Collector::new(plan.config.frame_numbers().start, plan.cameras.len(), plan.trace.is_some());
+        if plan.live.is_some() {
+            // Exact flights of poses list each frame with its camera.
+            collector = collector.open_ended(plan.report.is_none() && plan.config.realtime.is_some());
+        }
         collector.failures.note_told(&plan.warnings);
         Ok(Self {
             events: events.map_err(Failure::failed)?,

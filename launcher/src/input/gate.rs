@@ -32,10 +32,13 @@ pub enum Cause {
     FarAway,
     /// Not newer than the pose before.
     FromThePast,
+    /// Of a picture that the flight cannot have.
+    OtherSize,
 }
 
 impl Cause {
-    const ALL: [Self; 5] = [Self::Unreadable, Self::NotFinite, Self::OutOfRange, Self::FarAway, Self::FromThePast];
+    const ALL: [Self; 6] =
+        [Self::Unreadable, Self::NotFinite, Self::OutOfRange, Self::FarAway, Self::FromThePast, Self::OtherSize];
 }
 
 impl fmt::Display for Cause {
@@ -46,6 +49,9 @@ impl fmt::Display for Cause {
             Self::OutOfRange => "with an angle or a time out of range (pitch -90 to 90, vfov 1 to 170 degrees)",
             Self::FarAway => "far outside of the world",
             Self::FromThePast => "from the past: not newer than the pose before",
+            Self::OtherSize => {
+                "with another picture size than the flight has (sizes up to --size need a flight without files or a film)"
+            }
         })
     }
 }
@@ -60,8 +66,10 @@ pub struct Refusal {
 /// What poses are made into, and checked against.
 #[derive(Debug, Clone, Copy)]
 pub struct GateSettings {
-    /// Picture size, pixels.
+    /// Picture size of poses that have none, pixels, and the largest of others.
     pub size: [u32; 2],
+    /// Whether poses may have pictures of other sizes.
+    pub has_sizes: bool,
     /// Vertical field of view of poses that have none, radians.
     pub vfov_rad: f64,
     /// Extent of the world in its CRS.
@@ -124,9 +132,9 @@ impl Gate {
             Message::NotFinite => Err(Cause::NotFinite),
             Message::Pose(sent) => self.check(sent),
         };
-        let lifted = checked.and_then(|(mut pose, vfov_rad)| {
+        let lifted = checked.and_then(|(mut pose, vfov_rad, size)| {
             let is_lifted = ground::lift(&mut pose, ground);
-            Ok((self.camera(&pose, vfov_rad)?, is_lifted))
+            Ok((self.camera(&pose, vfov_rad, size)?, is_lifted))
         });
         let (camera, is_lifted) = match lifted {
             Ok(lifted) => lifted,
@@ -152,7 +160,7 @@ impl Gate {
 
     /// A pose as a camera of the flight's. What [`Gate::check`] has passed makes one, unless the
     /// world itself is too large.
-    fn camera(&self, pose: &Pose, vfov_rad: f64) -> Result<Camera, Cause> {
+    fn camera(&self, pose: &Pose, vfov_rad: f64, [width, height]: [u32; 2]) -> Result<Camera, Cause> {
         let crs_frame = CrsFrame::new(self.settings.extent.low.to_array());
         let fields = CameraFields {
             eye_in_world: crs_frame.position(pose.position).to_array(),
@@ -160,14 +168,14 @@ impl Gate {
             pitch_rad: pose.pitch_rad,
             roll_rad: pose.roll_rad,
             vfov_rad,
-            width: self.settings.size[0],
-            height: self.settings.size[1],
+            width,
+            height,
             timestamp_nanos: monotonic_nanos(),
         };
         Camera::new(fields).or(Err(Cause::FarAway))
     }
 
-    fn check(&mut self, sent: &SentPose) -> Result<(Pose, f64), Cause> {
+    fn check(&mut self, sent: &SentPose) -> Result<(Pose, f64, [u32; 2]), Cause> {
         let [heading, pitch, roll] = sent.angles_deg;
         let times = [sent.vfov_deg.unwrap_or(60.0), sent.time_s.unwrap_or(0.0)];
         if !sent.position.iter().chain(&sent.angles_deg).chain(&times).all(|number| number.is_finite()) {
@@ -185,6 +193,7 @@ impl Gate {
         if extent.distance(position.truncate()) > reach || position.z.abs() > 1e9 {
             return Err(Cause::FarAway);
         }
+        let size = self.size(sent.size)?;
         if let (Some(newest), Some(time)) = (self.newest_s, sent.time_s)
             && time <= newest
         {
@@ -200,7 +209,15 @@ impl Gate {
             pitch_rad: pitch.to_radians(),
             roll_rad: roll.to_radians(),
         };
-        Ok((pose, sent.vfov_deg.map_or(self.settings.vfov_rad, f64::to_radians)))
+        Ok((pose, sent.vfov_deg.map_or(self.settings.vfov_rad, f64::to_radians), size))
+    }
+
+    /// The size of a picture for which this one was asked.
+    fn size(&self, asked: Option<[u32; 2]>) -> Result<[u32; 2], Cause> {
+        let GateSettings { size: largest, has_sizes, .. } = self.settings;
+        let Some(size) = asked else { return Ok(largest) };
+        let fits = (0..2).all(|axis| (1..=largest[axis]).contains(&size[axis]));
+        if size == largest || (has_sizes && fits) { Ok(size) } else { Err(Cause::OtherSize) }
     }
 
     /// What was not flown as it came, a sentence each.
@@ -239,7 +256,7 @@ mod tests {
 
     fn gate() -> Gate {
         let extent = Extent { low: DVec2::new(5e5, 4e6), high: DVec2::new(5.1e5, 4.01e6) };
-        Gate::new(GateSettings { size: [64, 36], vfov_rad: 1.0, extent })
+        Gate::new(GateSettings { size: [64, 36], has_sizes: true, vfov_rad: 1.0, extent })
     }
 
     fn sent(time_s: f64) -> SentPose {
@@ -248,6 +265,7 @@ mod tests {
             angles_deg: [90.0, -20.0, 0.0],
             vfov_deg: None,
             time_s: Some(time_s),
+            size: None,
         }
     }
 
@@ -287,6 +305,8 @@ mod tests {
             (with(|pose| pose.position[0] = 0.0), Cause::FarAway),
             (with(|pose| pose.position[2] = 1e300), Cause::FarAway),
             (with(|pose| pose.time_s = Some(1e300)), Cause::OutOfRange),
+            (with(|pose| pose.size = Some([65, 36])), Cause::OtherSize),
+            (with(|pose| pose.size = Some([64, 0])), Cause::OtherSize),
             (with(|pose| pose.time_s = Some(1.0)), Cause::FromThePast),
             (with(|pose| pose.time_s = Some(0.5)), Cause::FromThePast),
             (Message::Unreadable, Cause::Unreadable),
@@ -295,12 +315,29 @@ mod tests {
             let outcome = gate.pass(&message, &Flat, &mut |sentence| told.push(sentence));
             assert_eq!(outcome, Err(Refusal { cause }), "{message:?}");
         }
-        assert_eq!(told.len(), 5, "{told:?}");
+        assert_eq!(told.len(), 6, "{told:?}");
         assert!(gate.pass(&Message::Pose(sent(1.5)), &Flat, &mut |_| {}).is_ok());
-        assert_eq!((gate.accepted(), gate.refused()), (2, 13));
+        assert_eq!((gate.accepted(), gate.refused()), (2, 15));
         let summary = gate.summary();
-        assert!(summary[0].starts_with("13 of 15 poses were refused: 1 not a JSON object"), "{summary:?}");
+        assert!(summary[0].starts_with("15 of 17 poses were refused: 1 not a JSON object"), "{summary:?}");
         assert!(summary[0].contains("4 with a number that is not finite") && summary[0].contains("2 from the past"));
+    }
+
+    #[test]
+    fn pictures_are_as_large_as_poses_ask_where_the_flight_can_have_that() {
+        let size_of = |gate: &mut Gate, time, size| {
+            let pose = Message::Pose(SentPose { size, ..sent(time) });
+            match gate.pass(&pose, &Flat, &mut |_| {}) {
+                Ok(Incoming::Pose { camera, .. }) => Some([camera.width(), camera.height()]),
+                _refused => None,
+            }
+        };
+        let mut any = gate();
+        assert_eq!(size_of(&mut any, 1.0, None), Some([64, 36]));
+        assert_eq!(size_of(&mut any, 2.0, Some([20, 30])), Some([20, 30]));
+        let mut one = Gate::new(GateSettings { has_sizes: false, ..any.settings });
+        assert_eq!(size_of(&mut one, 1.0, Some([64, 36])), Some([64, 36]));
+        assert_eq!(size_of(&mut one, 2.0, Some([20, 30])), None);
     }
 
     #[test]
@@ -337,6 +374,7 @@ mod tests {
                 angles_deg: [number(3), number(4), number(5)],
                 vfov_deg: Some(number(6)),
                 time_s: Some(number(7)),
+                size: Some([numbers[0] as u32, numbers[1] as u32]),
             };
             if let Ok(Incoming::Pose { camera, .. }) = gate().pass(&Message::Pose(pose), &Flat, &mut |_| {}) {
                 prop_assert!(Camera::new(*camera.fields()).is_ok());

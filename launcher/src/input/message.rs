@@ -14,6 +14,8 @@ pub struct SentPose {
     pub vfov_deg: Option<f64>,
     /// Seconds in the sender's clock.
     pub time_s: Option<f64>,
+    /// Width and height of its picture, pixels; `None` for those of the flight.
+    pub size: Option<[u32; 2]>,
 }
 
 /// One message of a sender.
@@ -39,6 +41,8 @@ struct Line {
     roll: Option<f64>,
     vfov: Option<f64>,
     t: Option<f64>,
+    width: Option<u32>,
+    height: Option<u32>,
     #[serde(default)]
     end: bool,
 }
@@ -55,10 +59,11 @@ impl Message {
             angles_deg: [record.heading_deg, record.pitch_deg, record.roll_deg],
             vfov_deg: (record.vfov_deg != 0.0).then_some(record.vfov_deg),
             time_s: Some(record.time_s),
+            size: (record.size != [0; 2]).then_some(record.size),
         })
     }
 
-    /// Of a line of JSON. Unknown keys are ignored; roll, vfov and t may be missing.
+    /// Of a line of JSON. Unknown keys are ignored; roll, vfov, t, width and height may be missing.
     #[must_use]
     pub fn of_json(text: &[u8]) -> Self {
         let Ok(line) = serde_json::from_slice::<Line>(text) else {
@@ -78,6 +83,9 @@ impl Message {
             angles_deg: [heading, pitch, line.roll.unwrap_or(0.0)],
             vfov_deg: line.vfov,
             time_s: line.t,
+            // One without the other is no size.
+            size: (line.width.is_some() || line.height.is_some())
+                .then(|| [line.width, line.height].map(Option::unwrap_or_default)),
         })
     }
 }
@@ -89,16 +97,17 @@ mod tests {
 
     #[test]
     fn lines_are_poses_ends_or_neither() {
-        let full = br#"{"x":1,"y":2.5,"z":-3,"heading":4,"pitch":5,"roll":6,"vfov":50,"t":7,"more":"x"}"#;
+        let full = br#"{"x":1,"y":2.5,"z":-3,"heading":4,"pitch":5,"roll":6,"vfov":50,"t":7,"width":320,"height":180,"more":"x"}"#;
         let pose = SentPose {
             position: [1.0, 2.5, -3.0],
             angles_deg: [4.0, 5.0, 6.0],
             vfov_deg: Some(50.0),
             time_s: Some(7.0),
+            size: Some([320, 180]),
         };
         assert_eq!(Message::of_json(full), Message::Pose(pose));
         let short = br#"{"x":1,"y":2.5,"z":-3,"heading":4,"pitch":5}"#;
-        let short_pose = SentPose { angles_deg: [4.0, 5.0, 0.0], vfov_deg: None, time_s: None, ..pose };
+        let short_pose = SentPose { angles_deg: [4.0, 5.0, 0.0], vfov_deg: None, time_s: None, size: None, ..pose };
         assert_eq!(Message::of_json(short), Message::Pose(short_pose));
         assert_eq!(Message::of_json(br#"{"end": true}"#), Message::End);
         assert_eq!(Message::of_json(br#"{"x": NaN, "y": 1}"#), Message::NotFinite);

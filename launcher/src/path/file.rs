@@ -13,6 +13,8 @@ pub(super) struct Source {
     /// The file for messages: of an archive also the file in it.
     pub(super) path: PathBuf,
     pub(super) text: String,
+    /// What to say about an archive with several path files.
+    pub(super) note: Option<String>,
 }
 
 /// Reads a path file, a KMZ or a gzip file too.
@@ -28,8 +30,9 @@ pub(super) fn read(path: &Path) -> Result<Source, PathError> {
     let mut first = Vec::new();
     Read::by_ref(&mut file).take(4).read_to_end(&mut first).map_err(fail)?;
     file.seek(SeekFrom::Start(0)).map_err(fail)?;
+    let mut note = None;
     let (path, bytes) = match first.as_slice() {
-        b"PK\x03\x04" | b"PK\x05\x06" | b"PK\x07\x08" => unpack(path, &mut file, found.len())?,
+        b"PK\x03\x04" | b"PK\x05\x06" | b"PK\x07\x08" => unpack(path, &mut file, found.len(), &mut note)?,
         [0x1f, 0x8b, ..] => (path.to_owned(), limited(path, MultiGzDecoder::new(file), MAX_XML_BYTES)?),
         _ => {
             // A size that is known needs no reading.
@@ -46,7 +49,7 @@ pub(super) fn read(path: &Path) -> Result<Source, PathError> {
         ));
     }
     let text = text::decode(bytes).map_err(unknown)?;
-    Ok(Source { path, text })
+    Ok(Source { path, text, note })
 }
 
 fn kind(found: FileType) -> &'static str {
@@ -73,7 +76,7 @@ fn limited(path: &Path, from: impl Read, limit: u64) -> Result<Vec<u8>, PathErro
 
 /// The file of an archive that is flown: doc.kml, as Google Earth has it, else the first .kml, else
 /// the first .gpx.
-fn unpack(path: &Path, file: &mut File, len: u64) -> Result<(PathBuf, Vec<u8>), PathError> {
+fn unpack(path: &Path, file: &mut File, len: u64, note: &mut Option<String>) -> Result<(PathBuf, Vec<u8>), PathError> {
     let fail = |path: &Path, error| match error {
         zip::ZipError::TooLarge => PathError::TooLarge { path: path.to_owned(), limit: MAX_XML_BYTES },
         zip::ZipError::Unusable { why } => PathError::Archive { path: path.to_owned(), reason: why },
@@ -93,7 +96,11 @@ fn unpack(path: &Path, file: &mut File, len: u64) -> Result<(PathBuf, Vec<u8>), 
     };
     // The name comes from outside and goes to a terminal.
     let name: String = main.name.chars().map(|c| if c.is_control() { '?' } else { c }).take(80).collect();
-    let shown = path.join(name.trim_start_matches('/'));
+    let name = name.trim_start_matches('/');
+    let shown = path.join(name);
+    if entries.len() > 1 {
+        *note = Some(format!("the archive has {} files of paths in it: {name} is read, no other", entries.len()));
+    }
     let bytes = zip::read_entry(file, main, MAX_XML_BYTES).map_err(|error| fail(&shown, error))?;
     Ok((shown, bytes))
 }
@@ -153,6 +160,8 @@ mod tests {
             std::fs::write(&path, archive(&files)).unwrap();
             let source = read(&path).unwrap();
             assert_eq!((source.text.as_str(), source.path), ("yes", path.join(name)));
+            let others = name != "t.gpx";
+            assert_eq!(source.note.is_some_and(|note| note.contains(&format!("{name} is read"))), others);
         }
         std::fs::write(&path, archive(&[("a.txt", b"")])).unwrap();
         assert!(read(&path).unwrap_err().to_string().contains("has no .kml file"));

@@ -22,7 +22,7 @@ const SHORTEST_STEP: f64 = 1e-6;
 const MAX_TIME: f64 = 1e10;
 
 /// The keys that are read.
-const KEYS: [&str; 16] = [
+const KEYS: [&str; 18] = [
     "x",
     "y",
     "z",
@@ -30,6 +30,8 @@ const KEYS: [&str; 16] = [
     "pitch",
     "roll",
     "t",
+    "rest",
+    "target",
     "width",
     "height",
     "vfov_deg",
@@ -176,7 +178,11 @@ pub fn parse(path: &Path, text: &str, world: &Georeference) -> Result<CameraPath
             return Err(reader.bad("\"frames\"", "either \"frames\" or \"keyframes\"", "both".into()));
         }
         (Some(list), None) => Course::Frames(reads.frames(&reader, list)?),
-        (None, Some(list)) => Course::Timed(Spline::new(&reads.keyframes(&reader, list)?).into_iter().collect()),
+        (None, Some(list)) => {
+            let spline = Spline::new(&reads.keyframes(&reader, list)?);
+            let target = reads.target(&reader)?;
+            Course::Timed(spline.map(|spline| spline.looking_at(target)).into_iter().collect())
+        }
         (None, None) if file.get("type").is_some() => {
             return Err(empty("GeoJSON (it has a \"type\"); ogr2ogr -f GPX FILE.gpx FILE makes a GPX of its lines"));
         }
@@ -202,8 +208,7 @@ impl Poses<'_> {
             if i as u64 >= MAX_FRAMES {
                 return Err(file.bad("\"frames\"", "a list of at most 2000000 frames", "more".into()));
             }
-            let (pose, _) = self.pose(raw, format!("frame {i}"), false)?;
-            poses.push(pose);
+            poses.push(self.pose(raw, format!("frame {i}"), false)?.pose);
             Ok(())
         })?;
         Ok(poses)
@@ -216,10 +221,10 @@ impl Poses<'_> {
                 return Err(file.bad("\"keyframes\"", "a list of at most 1000000 keyframes", "more".into()));
             }
             let place = format!("keyframe {i}");
-            let (pose, t) = self.pose(raw, place.clone(), true)?;
-            if let Some(last) = keys.last().filter(|last| t < last.t + SHORTEST_STEP) {
+            let key = self.pose(raw, place.clone(), true)?;
+            if let Some(last) = keys.last().filter(|last| key.t < last.t + SHORTEST_STEP) {
                 let expected = "more seconds than the keyframe before, by 0.000001 at least";
-                let found = format!("{t} after {}", last.t);
+                let found = format!("{} after {}", key.t, last.t);
                 return Err(PathError::BadValue {
                     path: self.path.to_owned(),
                     place,
@@ -228,7 +233,7 @@ impl Poses<'_> {
                     found,
                 });
             }
-            keys.push(spline::Key::passing(t, pose));
+            keys.push(key);
             Ok(())
         })?;
         Ok(keys)
@@ -249,7 +254,23 @@ impl Poses<'_> {
         }
     }
 
-    fn pose(&self, raw: &RawValue, place: String, has_time: bool) -> Result<(Pose, f64), PathError> {
+    /// What the camera looks at all the time, if that is said.
+    fn target(&self, file: &Reader<'_>) -> Result<Option<DVec3>, PathError> {
+        let expected = "a place to look at, three coordinates in metres like [560000, 4980000, 1200]";
+        let place = file.optional("target", expected, |raw| {
+            let place = serde_json::from_str::<[f64; 3]>(raw.get()).ok();
+            place.filter(|place| place.iter().all(|value| value.abs() < 1e11)).map(DVec3::from)
+        })?;
+        let (Some(place), Some(transform)) = (place, self.transform) else { return Ok(place) };
+        let moved = transform.position(place.x, place.y).map_err(|source| PathError::Crs {
+            path: self.path.to_owned(),
+            place: "\"target\"".into(),
+            source: Box::new(source),
+        })?;
+        Ok(Some(moved.extend(place.z)))
+    }
+
+    fn pose(&self, raw: &RawValue, place: String, has_time: bool) -> Result<spline::Key, PathError> {
         let object: Object<'_> = match serde_json::from_str(raw.get()) {
             Ok(object) => object,
             Err(_not_an_object) => {
@@ -261,7 +282,8 @@ impl Poses<'_> {
         let pose = reader.pose(self.transform)?;
         let time = |raw: &RawValue| number(raw).filter(|t| t.abs() <= MAX_TIME);
         let t = if has_time { reader.required("t", "seconds from -10000000000 to 10000000000", time)? } else { 0.0 };
-        Ok((pose, t))
+        let is_stop = reader.optional("rest", "true or false", |raw| serde_json::from_str(raw.get()).ok())?;
+        Ok(spline::Key { is_stop: is_stop.unwrap_or(false), ..spline::Key::passing(t, pose) })
     }
 }
 
@@ -342,126 +364,4 @@ impl<'a> Reader<'a> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::super::tests::parse_text;
-    use super::*;
-    use proptest::prelude::*;
-
-    const FRAME: &str = r#"{"x":500000,"y":4980000,"z":3000,"heading":90,"pitch":-10}"#;
-
-    #[test]
-    fn frames_are_read_and_unknown_keys_ignored() {
-        let text = format!(
-            r#"{{"crs":"EPSG:32610","width":640,"height":360.0,"vfov_deg":60,"fps":25,"sky_rgb":[1,2,3],"note":{{"a":[1]}},
-               "frames":[{FRAME},{{"x":1,"y":2,"z":3,"heading":-10,"pitch":5,"roll":7,"label":"b"}}]}}"#
-        );
-        let path = parse_text(&text).unwrap();
-        assert_eq!(path.settings.width, Some(640));
-        assert_eq!(path.settings.height, Some(360));
-        assert_eq!(path.settings.sky_rgb, Some([1, 2, 3]));
-        let Course::Frames(poses) = &path.course else { panic!("not frames") };
-        assert_eq!(poses[0].position, DVec3::new(500_000.0, 4_980_000.0, 3000.0));
-        assert!((poses[1].roll_rad - 7f64.to_radians()).abs() < 1e-12 && poses[0].roll_rad == 0.0);
-        assert_eq!(path.course.frame_count(25.0, 1.0).unwrap(), Some(2));
-    }
-
-    #[test]
-    fn keyframes_become_frames_at_any_rate() {
-        let text = r#"{"keyframes":[{"t":1,"x":0,"y":0,"z":0,"heading":0,"pitch":0},
-                                    {"t":3,"x":100,"y":0,"z":0,"heading":0,"pitch":0}]}"#;
-        let course = parse_text(text).unwrap().course;
-        assert_eq!(course.frame_count(30.0, 1.0).unwrap(), Some(61));
-        assert_eq!(course.frame_count(30.0, 2.0).unwrap(), Some(31));
-        let middle = course.pose(30, 30.0, 1.0).unwrap();
-        assert!((middle.position.x - 50.0).abs() < 1e-9);
-        assert!(course.frame_count(1e9, 1.0).unwrap_err().to_string().contains("at most 2000000"));
-    }
-
-    #[test]
-    fn a_bad_value_is_named_by_file_frame_and_key() {
-        for (text, expected) in [
-            (
-                r#"{"frames":[{"x":1,"y":2,"z":3,"heading":0,"pitch":"down"}]}"#,
-                r#"p: frame 0: "pitch": expected degrees from -90 to 90, found "down""#,
-            ),
-            (
-                r#"{"frames":[{"x":1,"y":2,"heading":0,"pitch":0}]}"#,
-                r#"p: frame 0: "z": expected a coordinate in metres, found nothing"#,
-            ),
-            (r#"{"frames":[{"x":1,"y":2,"z":3,"heading":0,"pitch":91}]}"#, "found 91"),
-            (r#"{"frames":[{"x":1e999,"y":2,"z":3,"heading":0,"pitch":0}]}"#, "found 1e999"),
-            (r#"{"frames":[7]}"#, "frame 0: the entry: expected an object"),
-            (r#"{"frames":{}}"#, r#""frames": expected a list, found {}"#),
-            (r#"{"frames":[]}"#, "nothing to fly"),
-            (r#"{}"#, "nothing to fly"),
-            (r#"{"frames":[],"keyframes":[]}"#, "found both"),
-            (r#"{"width":0,"frames":[]}"#, r#""width": expected a whole number of pixels from 1 to 65536, found 0"#),
-            (r#"{"fps":-1,"frames":[]}"#, "frames per second"),
-            (r#"{"sky_rgb":[1,2,256],"frames":[]}"#, "from 0 to 255"),
-            (r#"{"crs":7,"frames":[]}"#, "EPSG:32610"),
-            (r#"{"crs":"moon","frames":[]}"#, "not known here"),
-            (
-                r#"{"keyframes":[{"x":1,"y":2,"z":3,"heading":0,"pitch":0}]}"#,
-                r#"keyframe 0: "t": expected seconds from -10000000000 to 10000000000, found nothing"#,
-            ),
-            (
-                r#"{"keyframes":[{"t":1,"x":1,"y":2,"z":3,"heading":0,"pitch":0},{"t":1,"x":1,"y":2,"z":3,"heading":0,"pitch":0}]}"#,
-                "keyframe 1",
-            ),
-            (
-                r#"{"keyframes":[{"t":1e300,"x":1,"y":2,"z":3,"heading":0,"pitch":0}]}"#,
-                "\"t\": expected seconds from -10000000000 to 10000000000, found 1e300",
-            ),
-            (
-                r#"{"keyframes":[{"t":0,"x":1,"y":2,"z":3,"heading":0,"pitch":0},{"t":1e-320,"x":9,"y":2,"z":3,"heading":0,"pitch":0}]}"#,
-                "by 0.000001 at least",
-            ),
-            (r#"{"type":"FeatureCollection","features":[]}"#, "found GeoJSON"),
-        ] {
-            let message = parse_text(text).unwrap_err().to_string();
-            assert!(message.contains(expected), "{text}\n  {message}\n  {expected}");
-        }
-    }
-
-    #[test]
-    fn what_is_not_read_costs_nothing_and_what_is_has_a_bound() {
-        let keys: String = (0..100_000).map(|i| format!("\"k{i}\":[[{{}}]],")).collect();
-        let deep = format!("{}{}", "[".repeat(300_000), "]".repeat(300_000));
-        let text = format!("{{{keys}\"deep\":{deep},\"frames\":[{FRAME}]}}");
-        assert_eq!(parse_text(&text).unwrap().course.frame_count(1.0, 1.0).unwrap(), Some(1));
-        let message = parse_text(&format!("{{\"frames\":{deep}}}")).unwrap_err().to_string();
-        assert!(message.contains("frame 0: the entry: expected an object"), "{message}");
-        let many = format!("{{\"keyframes\":[{}{FRAME}]}}", "{},".repeat(1_000_001));
-        assert!(parse_text(&many).unwrap_err().to_string().contains("keyframe 0"));
-        let key = |t: usize| FRAME.replacen('{', &format!("{{\"t\":{t},"), 1) + ",";
-        let keyframes: String = (0..=MAX_KEYFRAMES).map(key).collect();
-        let message = parse_text(&format!("{{\"keyframes\":[{}]}}", keyframes.trim_end_matches(','))).unwrap_err();
-        assert!(message.to_string().contains("at most 1000000 keyframes, found more"), "{message}");
-    }
-
-    #[test]
-    fn another_crs_is_transformed_with_its_headings() {
-        let text = r#"{"crs":"EPSG:4326","frames":[{"x":-122,"y":45,"z":3000,"heading":0,"pitch":-10}]}"#;
-        let Course::Frames(poses) = parse_text(text).unwrap().course else { panic!("not frames") };
-        assert!((poses[0].position - DVec3::new(578_815.30, 4_983_436.77, 3000.0)).length() < 0.01);
-        assert!((poses[0].heading_rad.to_degrees() + 0.707).abs() < 0.001);
-    }
-
-    proptest! {
-        #[test]
-        fn any_json_values_never_panic(
-            key in "(x|y|z|t|heading|pitch|roll|crs|fps|width|frames|keyframes)",
-            value in "(null|true|-?[0-9]{1,3}(e[0-9]{1,3})?|\"[a-z]{0,5}\"|\\[\\]|\\{\\}|\\[\\{\\}\\])",
-            outer: bool,
-        ) {
-            let text = if outer {
-                format!("{{\"frames\":[{FRAME}],\"{key}\":{value}}}")
-            } else {
-                format!("{{\"keyframes\":[{{\"t\":0,\"x\":1,\"y\":1,\"z\":1,\"heading\":0,\"pitch\":0,\"{key}\":{value}}}]}}")
-            };
-            if let Ok(path) = parse_text(&text) {
-                prop_assert!(path.course.pose(0, 30.0, 1.0).is_some());
-            }
-        }
-    }
-}
+mod tests;

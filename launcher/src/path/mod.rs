@@ -15,7 +15,7 @@ pub mod orbit;
 mod recording;
 pub mod spline;
 mod text;
-mod times;
+pub(crate) mod times;
 mod track;
 mod xml;
 mod zip;
@@ -148,6 +148,7 @@ pub fn load(
     remarks: &mut Remarks,
 ) -> Result<CameraPath, PathError> {
     let source = file::read(path)?;
+    remarks.notes.extend(source.note);
     parse(&source.path, &source.text, world, ground, options, remarks)
 }
 

@@ -49,6 +49,7 @@ struct Knot {
     /// Roll, radians, without jumps from knot to knot, and its change per second.
     roll: f64,
     roll_speed: f64,
+    is_stop: bool,
     hop_m: f64,
 }
 
@@ -57,12 +58,17 @@ struct Knot {
 const STEEPEST_LEVEL_RAD: f64 = 60.0 / 180.0 * PI;
 const WIDEST_LEVEL_RAD: f64 = 120.0 / 180.0 * PI;
 
+/// A target that is nearer than this gives no direction.
+const NEAREST_TARGET_M: f64 = 1e-6;
+
 /// A smooth flight; at least one pose.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Spline {
     knots: Vec<Knot>,
     /// Whether roll is interpolated by itself.
     has_own_roll: bool,
+    /// What the camera looks at all the time, whatever the poses say.
+    target: Option<DVec3>,
 }
 
 impl Spline {
@@ -84,6 +90,7 @@ impl Spline {
                 spin: DVec3::ZERO,
                 roll: key.pose.roll_rad,
                 roll_speed: 0.0,
+                is_stop: key.is_stop,
                 hop_m: key.hop_m,
             })
             .collect();
@@ -125,7 +132,34 @@ impl Spline {
             && keys
                 .windows(2)
                 .all(|pair| turn_between(pair[0].pose.heading_rad, pair[1].pose.heading_rad).abs() <= WIDEST_LEVEL_RAD);
-        Some(Self { knots, has_own_roll })
+        Some(Self { knots, has_own_roll, target: None })
+    }
+
+    /// The same way, but the camera looks at a place all the time; it rolls as the poses do.
+    #[must_use]
+    pub fn looking_at(self, target: Option<DVec3>) -> Self {
+        Self { target, has_own_roll: self.has_own_roll || target.is_some(), ..self }
+    }
+
+    /// What the camera looks at all the time.
+    #[must_use]
+    pub fn target(&self) -> Option<DVec3> {
+        self.target
+    }
+
+    /// The poses that it was made of; a way that rises half-way has one there.
+    pub fn keys(&self) -> impl Iterator<Item = Key> {
+        let half_ways = self.knots.windows(2).map(|pair| {
+            let t = f64::midpoint(pair[0].t, pair[1].t);
+            (pair[0].hop_m != 0.0).then(|| Key::passing(t, self.pose(t)))
+        });
+        let key = |knot: &Knot| Key { is_stop: knot.is_stop, ..Key::passing(knot.t, self.pose_at(knot)) };
+        self.knots
+            .iter()
+            .map(key)
+            .zip(half_ways.chain([None]))
+            .flat_map(|(key, half_way)| [Some(key), half_way])
+            .flatten()
     }
 
     /// Its first moment.
@@ -167,12 +201,24 @@ impl Spline {
             + (b.roll - a.roll) * (3.0 * s2 - 2.0 * s3)
             + a.roll_speed * (h * (s3 - 2.0 * s2 + s))
             + b.roll_speed * (h * (s3 - s2));
-        if self.has_own_roll { Pose { roll_rad, ..pose } } else { pose }
+        self.finished(pose, roll_rad)
     }
 
     fn pose_at(&self, knot: &Knot) -> Pose {
-        let pose = pose_from_attitude(knot.position, knot.attitude);
-        if self.has_own_roll { Pose { roll_rad: knot.roll, ..pose } } else { pose }
+        self.finished(pose_from_attitude(knot.position, knot.attitude), knot.roll)
+    }
+
+    /// A pose with the roll of its own, where there is one, and turned to the target.
+    fn finished(&self, pose: Pose, roll_rad: f64) -> Pose {
+        let pose = if self.has_own_roll { Pose { roll_rad, ..pose } } else { pose };
+        let Some(sight) = self.target.map(|target| target - pose.position) else { return pose };
+        if sight.length() < NEAREST_TARGET_M {
+            return pose;
+        }
+        // Above the target the heading is that of the way.
+        let is_above = sight.x.hypot(sight.y) < NEAREST_TARGET_M;
+        let heading_rad = if is_above { pose.heading_rad } else { surface::heading(sight) };
+        Pose { heading_rad, pitch_rad: surface::pitch(sight), ..pose }
     }
 }
 

@@ -1,9 +1,9 @@
-//! Times as programs write them into GPX and KML.
+//! Times as programs and people write them.
 
 /// Seconds since 1970 of a time like `2024-05-01T10:00:00.5Z` or `…+02:00` (the profile of ISO 8601
 /// that XML Schema's dateTime is), also as some programs write it: a space for the T, `+0200`,
 /// `+02`, a comma before fractions, no seconds.
-pub(super) fn seconds_from_iso8601(text: &str) -> Option<f64> {
+pub(crate) fn seconds_from_iso8601(text: &str) -> Option<f64> {
     let (date, time) = text.trim().split_once(['T', 't', ' '])?;
     let digits = |text: &str, most: usize| -> Option<i64> {
         let is_number = (1..=most).contains(&text.len()) && text.bytes().all(|b| b.is_ascii_digit());
@@ -36,7 +36,13 @@ pub(super) fn seconds_from_iso8601(text: &str) -> Option<f64> {
             if *sign == b'-' { -minutes } else { minutes }
         }
     };
-    let is_valid = (1..=12).contains(&month) && (1..=31).contains(&day) && hour < 25 && minute < 60 && second < 61.0;
+    let is_leap = year % 4 == 0 && (year % 100 != 0 || year % 400 == 0);
+    let days = match month {
+        2 => 28 + i64::from(is_leap),
+        4 | 6 | 9 | 11 => 30,
+        _ => 31,
+    };
+    let is_valid = (1..=12).contains(&month) && (1..=days).contains(&day) && hour < 25 && minute < 60 && second < 61.0;
     if !is_valid || parts.next().is_some() {
         return None;
     }
@@ -87,6 +93,8 @@ mod tests {
             "T",
             "2000-13-01T00:00:00Z",
             "2000-01-01",
+            "2026-02-29T00:00:00Z",
+            "2026-04-31T00:00:00Z",
             "00-01-01T1:00:00Z",
             "2000-01-01T00:00:00+é:00",
             "2000-01-01T1:2:3:4Z",

@@ -3,7 +3,7 @@
 //! Prefixes are not looked at, declared or not, as Google Earth does. A document type is passed
 //! over; one that declares entities is refused, as these could read files or grow without bound.
 //! The work grows with the length of the text alone: lines are counted on the way, attributes other
-//! than those of a point are not looked at, and what no path needs is not kept.
+//! than those of a point or an option are not looked at, and what no path needs is not kept.
 
 use super::{PathError, printable};
 use quick_xml::errors::{Error, IllFormedError, SyntaxError};
@@ -17,7 +17,7 @@ const MAX_ELEMENTS: usize = 4_000_000;
 /// Most elements within each other: no program nests folders so deep.
 const MAX_DEPTH: usize = 1000;
 /// The attributes that are kept: all that a path needs.
-const ATTRIBUTES: [&str; 2] = ["lat", "lon"];
+const ATTRIBUTES: [&str; 4] = ["lat", "lon", "name", "enabled"];
 /// Elements that no path needs with all that is in them. Views in an update are changes of a
 /// feature, none of their own.
 const PASSED_OVER: [&str; 8] =

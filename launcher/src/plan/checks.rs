@@ -22,13 +22,18 @@ pub(super) fn fps(asked: Option<f64>) -> Result<f64, Failure> {
     in_range("--fps", asked.unwrap_or(DEFAULT_FPS), 0.001, 1000.0, "frames per second from 0.001 to 1000")
 }
 
+/// How many times as fast a path is flown.
+pub(super) fn speed(asked: Option<f64>) -> Result<f64, Failure> {
+    in_range("--speed", asked.unwrap_or(1.0), 1e-3, 1e4, "a factor from 0.001 to 10000")
+}
+
 /// Frames per second, and how many times as fast a path in time is flown.
 ///
 /// # Errors
 /// Bad input: a number out of range.
 pub fn pace(args: &CourseArgs, path: &CameraPath) -> Result<(f64, f64), Failure> {
     let fps = fps(args.fps.or(path.settings.fps))?;
-    let speed = in_range("--speed", args.speed.unwrap_or(1.0), 1e-3, 1e4, "a factor from 0.001 to 10000")?;
+    let speed = speed(args.speed)?;
     const TIMED: &str = "--speed applies to paths with times (keyframes, KML, GPX)";
     match (&path.course, args.speed) {
         (Course::Frames(_), Some(_)) => {

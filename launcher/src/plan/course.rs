@@ -1,6 +1,6 @@
 //! The path that a command line means, in the world's CRS.
 
-use super::checks::in_range;
+use super::checks::{frame_range, in_range, pace, speed};
 use super::pose::PoseContext;
 use crate::cli::course::{CourseArgs, Rests};
 use crate::cli::pose::PoseArgs;
@@ -12,7 +12,7 @@ use crate::path::orbit::{self, Orbit, OrbitWishes};
 use crate::path::{self, CameraPath, Course, CourseOptions, PathSettings, Pose, Remarks};
 use anyhow::anyhow;
 use glam::DVec2;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use terravision_store::Store;
 
 /// Where `--path orbit` is meant, unless a file has that name.
@@ -27,6 +27,66 @@ pub struct LoadedPath {
     pub notes: Vec<String>,
     /// What may not be as meant, a sentence each.
     pub warnings: Vec<String>,
+}
+
+/// A path, a pose for each of its frames.
+#[derive(Debug)]
+pub(super) struct PathFrames {
+    /// Frames in a second.
+    pub(super) fps: f64,
+    /// Numbers of its frames: the first, and one past the last.
+    pub(super) frames: [u64; 2],
+    /// Their poses.
+    pub(super) poses: Vec<Pose>,
+    /// What the path says about the picture.
+    pub(super) settings: PathSettings,
+    /// What is good to know, a sentence each.
+    pub(super) notes: Vec<String>,
+    /// What may not be as meant, a sentence each.
+    pub(super) warnings: Vec<String>,
+}
+
+impl PathFrames {
+    /// Of the path that the command line means.
+    ///
+    /// # Errors
+    /// Bad input.
+    pub(super) fn load(args: &CourseArgs, database: &Store, exaggeration: f64) -> Result<Self, Failure> {
+        Self::of_loaded(load_path(args, database, exaggeration)?, args)
+    }
+
+    /// Of the path in a file, or 'orbit', to be played N times as fast. A path with a pose for each
+    /// frame, which has no times, is played at N times its rate.
+    ///
+    /// # Errors
+    /// Bad input.
+    pub(super) fn to_play(
+        path: PathBuf,
+        factor: Option<f64>,
+        database: &Store,
+        exaggeration: f64,
+    ) -> Result<Self, Failure> {
+        let factor = speed(factor)?;
+        let mut args = CourseArgs::of_path(path);
+        let loaded = load_path(&args, database, exaggeration)?;
+        let is_timed = matches!(loaded.path.course, Course::Timed(_));
+        args.speed = is_timed.then_some(factor);
+        let mut frames = Self::of_loaded(loaded, &args)?;
+        if !is_timed {
+            frames.fps *= factor;
+        }
+        Ok(frames)
+    }
+
+    fn of_loaded(loaded: LoadedPath, args: &CourseArgs) -> Result<Self, Failure> {
+        let LoadedPath { path, notes, warnings } = loaded;
+        let (fps, speed) = pace(args, &path)?;
+        let frames = frame_range(args.frames, &path.course, fps, speed)?;
+        let poses: Option<Vec<Pose>> =
+            (frames[0]..frames[1]).map(|frame| path.course.pose(frame, fps, speed)).collect();
+        let poses = poses.ok_or_else(|| Failure::bad_input(anyhow!("the path ends before frame {}", frames[1])))?;
+        Ok(Self { fps, frames, poses, settings: path.settings, notes, warnings })
+    }
 }
 
 /// The CRS of a world, for paths in other coordinates.

@@ -3,15 +3,15 @@
 use super::FlightPlan;
 use super::checks::{DEFAULT_FPS, check_distance, decoder_threads, exaggeration, prefetch, realtime};
 use super::drawing::DrawingQuestion;
+use super::light::LightPlan;
 use super::picture_choice::{self, PictureChoice};
 use super::planes::PlaneFolders;
 use super::stereo;
 use super::supervision::RestartRules;
-use crate::cli::database::DatabaseArgs;
+use crate::cli::draw::DrawArgs;
 use crate::cli::measurements::MeasurementArgs;
-use crate::cli::picture::{Edge, Overlay, PictureArgs, Quality};
+use crate::cli::picture::{Edge, Overlay, Quality};
 use crate::cli::realtime::RealtimeArgs;
-use crate::cli::resources::ResourceArgs;
 use crate::cli::values::MemorySize;
 use crate::failure::Failure;
 use crate::ground::{self, WorldGround};
@@ -27,7 +27,9 @@ use glam::DVec3;
 use std::path::Path;
 use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::rig::RigView;
-use terravision_common::run::{PlaneTarget, RenderConfig, RunConfig, ShareConfig, SinkConfig};
+use terravision_common::run::{
+    LabelsConfig, PlaneTarget, RenderConfig, RunConfig, ShareConfig, SinkConfig, WindowConfig,
+};
 use terravision_common::shm::{Layout, RunId, ShmError};
 use terravision_common::world::World;
 use terravision_store::Store;
@@ -39,12 +41,10 @@ const FRAMES_IN_FLIGHT: u32 = 0;
 pub(super) struct Draft<'a> {
     pub(super) run: RunId,
     database: Store,
-    access: &'a DatabaseArgs,
     settings: PathSettings,
-    picture: &'a PictureArgs,
+    args: &'a DrawArgs,
     /// The cameras that the pose carries, as they were asked for.
     pub(super) rig: Option<RigFile>,
-    resources: &'a ResourceArgs,
     pub(super) fps: f64,
     pub(super) frames: [u64; 2],
     pub(super) poses: Vec<Pose>,
@@ -55,6 +55,8 @@ pub(super) struct Draft<'a> {
     pub(super) depth: Vec<PlaneTarget>,
     pub(super) ground: Vec<PlaneTarget>,
     pub(super) share: Option<ShareConfig>,
+    pub(super) window: Option<WindowConfig>,
+    pub(super) labels: Option<LabelsConfig>,
     pub(super) planes: PlaneFolders,
     pub(super) files: Vec<TemporaryFile>,
     /// The folder of pictures, or one for each view.
@@ -67,21 +69,13 @@ pub(super) struct Draft<'a> {
 }
 
 impl<'a> Draft<'a> {
-    pub(super) fn new(
-        database: Store,
-        access: &'a DatabaseArgs,
-        picture: &'a PictureArgs,
-        resources: &'a ResourceArgs,
-        settings: PathSettings,
-    ) -> Result<Self, Failure> {
+    pub(super) fn new(database: Store, args: &'a DrawArgs, settings: PathSettings) -> Result<Self, Failure> {
         Ok(Self {
             run: RunId::new_for_this_process().map_err(Failure::failed)?,
             database,
-            access,
             settings,
-            picture,
+            args,
             rig: None,
-            resources,
             fps: DEFAULT_FPS,
             frames: [0, 1],
             poses: Vec::new(),
@@ -91,6 +85,8 @@ impl<'a> Draft<'a> {
             depth: Vec::new(),
             ground: Vec::new(),
             share: None,
+            window: None,
+            labels: None,
             planes: PlaneFolders::default(),
             files: Vec::new(),
             folders: Vec::new(),
@@ -106,11 +102,11 @@ impl<'a> Draft<'a> {
     /// # Errors
     /// Bad input: a file of views, or a stereo pair, that cannot be drawn.
     pub(super) fn choose_rig(&mut self) -> Result<(), Failure> {
-        self.rig = self.picture.views.as_deref().map(RigFile::read).transpose().map_err(Failure::bad_input)?;
-        let exaggeration = exaggeration(self.picture.exaggeration)?;
+        self.rig = self.args.picture.views.as_deref().map(RigFile::read).transpose().map_err(Failure::bad_input)?;
+        let exaggeration = exaggeration(self.args.picture.exaggeration)?;
         let ground = WorldGround::finest(&self.database, self.database.world(), exaggeration);
         let ground = ground.bounded(self.database.ranges());
-        if let Some((rig, note)) = stereo::pair(&self.picture.stereo, self.poses.first(), &ground)? {
+        if let Some((rig, note)) = stereo::pair(&self.args.picture.stereo, self.poses.first(), &ground)? {
             self.rig = Some(rig);
             self.notes.push(note);
         }
@@ -134,13 +130,16 @@ impl<'a> Draft<'a> {
     ) -> Result<FlightPlan, Failure> {
         let world = *self.database.world();
         let rig = self.rig.as_ref();
-        let mut choice = PictureChoice::new(self.picture, rig, &self.settings, self.usual_quality, drawing, &world)?;
+        let mut choice =
+            PictureChoice::new(&self.args.picture, rig, &self.settings, self.usual_quality, drawing, &world)?;
         self.warnings.extend(choice.warning.take());
-        let exaggeration = exaggeration(self.picture.exaggeration)?;
-        let layout = layout(&world, &choice, self.resources.memory)?;
+        let exaggeration = exaggeration(self.args.picture.exaggeration)?;
+        let layout = layout(&world, &choice, self.args.resources.memory)?;
         let cameras = self.cameras(&choice, exaggeration)?;
         self.warnings.extend(self.database.errors().take_news());
-        let config = self.config(&choice, exaggeration)?;
+        let mut light = LightPlan::new(&self.args.picture.light, self.database.manifest())?;
+        self.notes.append(&mut light.notes);
+        let config = self.config(&choice, &light, exaggeration)?;
         let layout = match &config.render.sink {
             SinkConfig::Stream(encoding) => layout.for_stream(encoding.frame_bytes(config.output_size())),
             _ => layout,
@@ -162,9 +161,10 @@ impl<'a> Draft<'a> {
             stream: self.stream,
             notes: self.notes,
             warnings: self.warnings,
-            is_quiet: self.resources.quiet,
+            is_quiet: self.args.resources.quiet,
             database: self.database,
             destination: self.destination,
+            shown_path: None,
             restarts: RestartRules::NONE,
         })
     }
@@ -214,33 +214,34 @@ impl<'a> Draft<'a> {
     }
 
     /// What the stages are told.
-    fn config(&mut self, choice: &PictureChoice, exaggeration: f64) -> Result<RunConfig, Failure> {
+    fn config(&mut self, choice: &PictureChoice, light: &LightPlan, exaggeration: f64) -> Result<RunConfig, Failure> {
         let index = self.database.index().path();
         let ([r_z_px, r_c_px], [width, height]) = (choice.wanted_px, choice.picture_size());
         Ok(RunConfig {
             run_id: self.run.to_string(),
             // The stages run in this folder too, but an absolute name reads better in messages.
             world: std::path::absolute(index).unwrap_or_else(|_| index.to_owned()),
-            database: world::config(self.database.location(), self.access),
+            database: world::config(self.database.location(), &self.args.database),
             width,
             height,
             fps: self.fps,
             frames: self.frames,
             r_z_px,
             r_c_px,
-            measure: self.picture.measure.into(),
+            measure: self.args.picture.measure.into(),
             exaggeration,
             texels: choice.texels,
-            decoder_threads: decoder_threads(self.resources.threads)?,
+            decoder_threads: decoder_threads(self.args.resources.threads)?,
             prefetch: prefetch(self.realtime),
             realtime: self.realtime.map_or(Ok(None), |args| realtime(args, choice.wanted_px, choice.rest_facet_px))?,
-            render: self.render_config(choice, exaggeration),
+            light: light.light,
+            render: self.render_config(choice, light, exaggeration),
             rig: choice.rig.clone(),
         })
     }
 
-    fn render_config(&mut self, choice: &PictureChoice, exaggeration: f64) -> RenderConfig {
-        let (picture, database) = (self.picture, &self.database);
+    fn render_config(&mut self, choice: &PictureChoice, light: &LightPlan, exaggeration: f64) -> RenderConfig {
+        let (picture, database) = (&self.args.picture, &self.database);
         let low = database.ranges().range(database.world().root()).map(|[low, _]| exaggeration * f64::from(low));
         RenderConfig {
             technique: choice.decision.technique,
@@ -248,14 +249,17 @@ impl<'a> Draft<'a> {
             rays: choice.decision.rays,
             sky_rgb: picture_choice::sky(picture, &self.settings, &database.manifest().fields().body.name),
             skirt_low_m: low.filter(|_| picture.edge == Edge::Skirt),
+            air: light.air,
             samples: choice.samples,
             has_tree_overlay: picture.overlay == Some(Overlay::Tree),
-            has_validation: self.resources.validation,
+            has_validation: self.args.resources.validation,
             frames_in_flight: FRAMES_IN_FLIGHT,
             sink: std::mem::replace(&mut self.sink, SinkConfig::Null),
             depth: std::mem::take(&mut self.depth),
             ground: std::mem::take(&mut self.ground),
             share: self.share.take(),
+            window: self.window.take(),
+            labels: self.labels.take(),
             made_up: picture.made_up.into(),
             anaglyph: self.rig.as_ref().is_some_and(|rig| rig.pictures == Pictures::Anaglyph),
         }

@@ -1,17 +1,17 @@
 //! The plan of `terravision fly`.
 
-use super::checks::{self, exaggeration, frame_range, has_extension, is_folder_name, pace};
-use super::course::{LoadedPath, load_path};
+use super::checks::{self, exaggeration, has_extension, is_folder_name};
+use super::course::PathFrames;
 use super::draft::Draft;
 use super::drawing::DrawingQuestion;
 use super::planes::PlaneFolders;
-use super::{FlightPlan, PICTURES, film, live, supervision};
+use super::{FlightPlan, PICTURES, film, light, live, supervision};
 use crate::cli::fly::FlyArgs;
 use crate::cli::picture::Quality;
 use crate::cli::realtime::PredictionChoice;
 use crate::failure::Failure;
 use crate::output::{self, FrameFolder, TemporaryFile};
-use crate::path::{PathSettings, Pose};
+use crate::path::PathSettings;
 use crate::rig_file::{Pictures, RigFile, view_folder};
 use crate::stream::StreamTarget;
 use crate::stream::film::Container;
@@ -28,14 +28,21 @@ use terravision_store::Store;
 /// # Errors
 /// Bad input, in one sentence.
 pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
-    let drawing = DrawingQuestion::new(&args.picture, Quality::Default, args.resources.validation)?;
-    let database = open_world(&args.world, &args.database)?;
+    let drawing = DrawingQuestion::new(&args.draw.picture, Quality::Default, args.draw.resources.validation)?;
+    let database = open_world(&args.draw.world, &args.draw.database)?;
     let mut draft =
         if args.live.camera.is_some() { draft_of_poses(args, database)? } else { draft_of_path(args, database)? };
     draft.choose_rig()?;
     draft.share = live::share(args)?;
     draft.realtime = Some(&args.realtime);
+    draft.labels = light::labels(&args.labels);
     choose_output(&mut draft, args)?;
+    if draft.labels.is_some() && draft.sink == SinkConfig::Null {
+        return Err(Failure::bad_input(anyhow!(
+            "-o {}: labels are burnt into films and pictures, and this is neither; expected one of them, e.g. -o film.mp4, or no labels",
+            args.output.display()
+        )));
+    }
     draft.planes = PlaneFolders::create(args, draft.rig.as_ref(), &draft.run.to_string())?;
     [draft.depth, draft.ground] = draft.planes.targets();
     if draft.destination.is_empty() {
@@ -57,22 +64,17 @@ fn draft_of_poses(args: &FlyArgs, database: Store) -> Result<Draft<'_>, Failure>
         )));
     }
     let settings = PathSettings::default();
-    let mut draft = Draft::new(database, &args.database, &args.picture, &args.resources, settings)?;
+    let mut draft = Draft::new(database, &args.draw, settings)?;
     draft.fps = checks::fps(args.course.fps)?;
     draft.frames = [0, OPEN_END];
     Ok(draft)
 }
 
 fn draft_of_path(args: &FlyArgs, database: Store) -> Result<Draft<'_>, Failure> {
-    let LoadedPath { path, notes, warnings } =
-        load_path(&args.course, &database, exaggeration(args.picture.exaggeration)?)?;
-    let (fps, speed) = pace(&args.course, &path)?;
-    let frames = frame_range(args.course.frames, &path.course, fps, speed)?;
-    let poses: Option<Vec<Pose>> = (frames[0]..frames[1]).map(|frame| path.course.pose(frame, fps, speed)).collect();
-    let poses = poses.ok_or_else(|| Failure::bad_input(anyhow!("the path ends before frame {}", frames[1])))?;
-    let mut draft = Draft::new(database, &args.database, &args.picture, &args.resources, path.settings)?;
-    (draft.fps, draft.frames, draft.poses) = (fps, frames, poses);
-    (draft.notes, draft.warnings) = (notes, warnings);
+    let path = PathFrames::load(&args.course, &database, exaggeration(args.draw.picture.exaggeration)?)?;
+    let mut draft = Draft::new(database, &args.draw, path.settings)?;
+    (draft.fps, draft.frames, draft.poses) = (path.fps, path.frames, path.poses);
+    (draft.notes, draft.warnings) = (path.notes, path.warnings);
     Ok(draft)
 }
 
@@ -112,10 +114,13 @@ fn choose_output(draft: &mut Draft<'_>, args: &FlyArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// What takes one picture a frame cannot take views apart, and other programs know of one camera.
+/// What takes one picture a frame cannot take views apart, and other programs know of one camera,
+/// or of the two eyes of a stereo pair, whose pose is between them.
 fn check_views(rig: Option<&RigFile>, args: &FlyArgs) -> Result<(), Failure> {
     let Some(rig) = rig else { return Ok(()) };
-    if args.live.share.is_some() || live::shared_name(&args.output).is_some() {
+    let is_pair =
+        args.draw.picture.stereo.stereo.is_some() && rig.pictures != Pictures::Separate && args.planes.ground.is_none();
+    if !is_pair && (args.live.share.is_some() || live::shared_name(&args.output).is_some()) {
         return Err(Failure::bad_input(anyhow!(
             "{0} and shared frames: a shared frame has one camera; write the views into a folder or a film, or leave out {0}",
             rig.asked()

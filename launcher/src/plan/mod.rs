@@ -1,10 +1,12 @@
 //! What is to be flown: the validated plan that is made of the command line, the path file and the
 //! world. Nothing in it is left to interpret.
 //!
-//! * [`fly()`], [`still()`]: the plans of both commands, by way of a [`draft`].
+//! * [`fly()`], [`still()`], [`view()`]: the plans of these commands, by way of a [`draft`]. [`start`]: where a
+//!   person begins.
 //!   [`picture_choice`]: how the picture is made.
-//! * [`course`], [`pose`]: where the camera goes. [`planes`], [`film`], [`live`]: where frames go,
-//!   and where poses come from.
+//! * [`course`], [`pose`]: where the camera goes. [`shown_path`]: a path that a window plays.
+//!   [`planes`], [`film`], [`live`]: where frames go, and where poses come from.
+//! * [`light`]: where the sun stands.
 //! * [`drawing`]: what draws, and how tiles are kept for it. [`supervision`]: what becomes of stages that die.
 //!   [`checks`]: single arguments.
 
@@ -14,25 +16,32 @@ mod draft;
 mod drawing;
 mod film;
 mod fly;
+mod light;
 mod live;
 mod picture_choice;
 mod planes;
 mod pose;
+mod shown_path;
+mod start;
 mod stereo;
 mod still;
 pub mod supervision;
+mod view;
 
 pub use checks::{frame_range, pace, vfov_of_path};
 pub use course::{LoadedPath, georeference, load_path};
 pub use fly::fly;
 pub use picture_choice::DEFAULT_SIZE;
+pub use start::start_pose;
 pub use still::still;
+pub use view::view;
 
 use crate::data_set::DataSet;
 use crate::input::LiveCamera;
 use crate::measure::metrics::MetricsSocket;
 use crate::output::{FrameFolder, TemporaryFile};
 use crate::stream::StreamTarget;
+use std::fs::File;
 use supervision::RestartRules;
 use terravision_common::camera::Camera;
 use terravision_common::run::RunConfig;
@@ -80,6 +89,8 @@ pub struct FlightPlan {
     pub database: Store,
     /// Where the pictures go, for people.
     pub destination: String,
+    /// The poses that a window plays; the window finds the file by its number.
+    pub shown_path: Option<File>,
     /// Which deaths of stages the run survives.
     pub restarts: RestartRules,
 }

@@ -6,12 +6,9 @@ use crate::failure::Failure;
 use crate::path::{Ground, Pose};
 use crate::rig_file::{Pictures, RigFile};
 use anyhow::anyhow;
+use terravision_common::rig::USUAL_SEPARATION;
 use terravision_common::surface;
 
-/// The eyes are this share of the distance apart at which their pictures meet, if nothing else is
-/// said: what is infinitely far is then seen a thirtieth of that distance apart, which eyes still
-/// fuse on a screen.
-const SEPARATION: f64 = 1.0 / 30.0;
 /// Eyes are at most this share of that distance apart: beyond it no one fuses what is seen.
 const WIDEST: f64 = 1.0;
 /// Where the first picture's middle shows no ground, its pictures meet this many times the eye's
@@ -45,7 +42,7 @@ pub(super) fn pair(
             )));
         }
     };
-    let separation_m = args.eye_separation.unwrap_or(SEPARATION * convergence_m);
+    let separation_m = args.eye_separation.unwrap_or(USUAL_SEPARATION * convergence_m);
     let most = WIDEST * convergence_m;
     if !(separation_m >= 0.0 && separation_m <= most) {
         return Err(Failure::bad_input(anyhow!(
@@ -66,7 +63,7 @@ pub(super) fn pair(
 }
 
 /// How far along the line of sight the ground is.
-fn ground_ahead(pose: &Pose, ground: &dyn Ground) -> f64 {
+pub(crate) fn ground_ahead(pose: &Pose, ground: &dyn Ground) -> f64 {
     let [_, forward] = surface::look(pose.heading_rad, pose.pitch_rad);
     let mut way = FIRST_M;
     while way < FARTHEST_M {

@@ -3,7 +3,7 @@
 use super::checks::{exaggeration, has_extension, is_folder_name};
 use super::draft::Draft;
 use super::drawing::DrawingQuestion;
-use super::{FlightPlan, PICTURES, course, supervision};
+use super::{FlightPlan, PICTURES, course, light, supervision};
 use crate::cli::picture::Quality;
 use crate::cli::still::StillArgs;
 use crate::cli::supervision::SupervisionArgs;
@@ -21,14 +21,15 @@ use terravision_common::run::{PlaneTarget, SinkConfig};
 /// # Errors
 /// Bad input, in one sentence.
 pub fn still(args: &StillArgs) -> Result<FlightPlan, Failure> {
-    let drawing = DrawingQuestion::new(&args.picture, Quality::Finest, args.resources.validation)?;
-    let database = open_world(&args.world, &args.database)?;
-    let exaggeration = exaggeration(args.picture.exaggeration)?;
+    let drawing = DrawingQuestion::new(&args.draw.picture, Quality::Finest, args.draw.resources.validation)?;
+    let database = open_world(&args.draw.world, &args.draw.database)?;
+    let exaggeration = exaggeration(args.draw.picture.exaggeration)?;
     let (pose, warnings) = course::pose(&args.pose, args.agl, &database, exaggeration)?;
     let settings = PathSettings::default();
-    let mut draft = Draft::new(database, &args.database, &args.picture, &args.resources, settings)?;
+    let mut draft = Draft::new(database, &args.draw, settings)?;
     draft.poses = vec![pose];
     draft.warnings = warnings;
+    draft.labels = light::labels(&args.labels);
     draft.choose_rig()?;
     draft.usual_quality = Quality::Finest;
     check_picture(&args.output)?;

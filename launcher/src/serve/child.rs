@@ -10,14 +10,17 @@ use std::os::unix::process::ExitStatusExt;
 use std::process::{Child, ChildStderr, Command, ExitStatus, Stdio};
 use std::sync::mpsc::SyncSender;
 use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 /// Longest line that is passed on.
 const LINE_BYTES: u64 = 4096;
+/// Longest time to the last line of a program that has ended: what it started may hold the pipe.
+const LAST_LINE_WITHIN: Duration = Duration::from_millis(300);
 /// Between two looks at whether it has ended.
 const TICK: Duration = Duration::from_millis(5);
-/// A program that does no good between two deaths is started again after this time, then twice
-/// that, ...
+/// A program that dies a second time before it has worked is started again after this time, then
+/// after twice that, ...
 const FIRST_BACK_OFF: Duration = Duration::from_millis(500);
 /// ... and at most this.
 const LONGEST_BACK_OFF: Duration = Duration::from_secs(10);
@@ -27,6 +30,8 @@ const LONGEST_BACK_OFF: Duration = Duration::from_secs(10);
 pub(super) struct Watched {
     child: Child,
     last: Arc<Mutex<String>>,
+    /// Reads what it writes, until the pipe ends; it is not joined.
+    listener: Option<JoinHandle<()>>,
 }
 
 impl Watched {
@@ -40,10 +45,10 @@ impl Watched {
         let mut child = command.stderr(Stdio::piped()).spawn()?;
         let last = Arc::new(Mutex::new(String::new()));
         let stderr = child.stderr.take();
-        let watched = Self { child, last: Arc::clone(&last) };
+        let mut watched = Self { child, last: Arc::clone(&last), listener: None };
         if let Some(stderr) = stderr {
-            // Ends with the pipe; it is not joined.
-            drop(in_thread("listen", move || listen(stderr, &last, |line| drop(events.send(event(line)))))?);
+            let listen = move || listen(stderr, &last, |line| drop(events.send(event(line))));
+            watched.listener = Some(in_thread("listen", listen)?);
         }
         Ok(watched)
     }
@@ -78,6 +83,11 @@ impl Watched {
 
     /// Why it ended, in words.
     pub(super) fn reason(&self, status: ExitStatus) -> String {
+        // Its last line may not have been read yet.
+        let end = Instant::now() + LAST_LINE_WITHIN;
+        while self.listener.as_ref().is_some_and(|thread| !thread.is_finished()) && Instant::now() < end {
+            std::thread::sleep(TICK);
+        }
         let last = self.last.lock().unwrap_or_else(PoisonError::into_inner).clone();
         match (status.signal(), last.trim_start_matches("terravision: ")) {
             (Some(signal), _) => killed_by(signal),
@@ -113,26 +123,26 @@ fn listen(stderr: ChildStderr, last: &Mutex<String>, pass_on: impl Fn(String)) {
 /// When a program that died is to be started again.
 #[derive(Debug, Default)]
 pub(super) struct BackOff {
-    strikes: u32,
+    failures: u32,
 }
 
 impl BackOff {
-    /// It has done some good.
-    pub(super) fn forgive(&mut self) {
-        self.strikes = 0;
+    /// The program has worked.
+    pub(super) fn reset(&mut self) {
+        self.failures = 0;
     }
 
-    /// How often it has died without.
-    pub(super) fn strikes(&self) -> u32 {
-        self.strikes
+    /// How often it has died since it last worked.
+    pub(super) fn failures(&self) -> u32 {
+        self.failures
     }
 
-    /// It has died: how long it is to wait.
-    pub(super) fn strike(&mut self) -> Duration {
-        self.strikes += 1;
-        match self.strikes {
+    /// The program has died: how long to wait before it is started again.
+    pub(super) fn note_failure(&mut self) -> Duration {
+        self.failures += 1;
+        match self.failures {
             1 => Duration::ZERO,
-            strikes => FIRST_BACK_OFF.saturating_mul(1 << (strikes - 2).min(20)).min(LONGEST_BACK_OFF),
+            failures => FIRST_BACK_OFF.saturating_mul(1 << (failures - 2).min(20)).min(LONGEST_BACK_OFF),
         }
     }
 }
@@ -142,11 +152,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn who_does_no_good_waits_longer_each_time() {
+    fn a_program_that_never_works_waits_longer_each_time() {
         let mut back_off = BackOff::default();
-        let waits: Vec<u128> = (0..7).map(|_| back_off.strike().as_millis()).collect();
+        let waits: Vec<u128> = (0..7).map(|_| back_off.note_failure().as_millis()).collect();
         assert_eq!(waits, [0, 500, 1000, 2000, 4000, 8000, 10_000]);
-        back_off.forgive();
-        assert_eq!(back_off.strike(), Duration::ZERO);
+        back_off.reset();
+        assert_eq!(back_off.note_failure(), Duration::ZERO);
     }
 }

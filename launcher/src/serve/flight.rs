@@ -2,6 +2,7 @@
 
 use super::Event;
 use super::child::Watched;
+use crate::cli::light::Visibility;
 use crate::cli::serve::ServeArgs;
 use std::ffi::OsString;
 use std::path::Path;
@@ -11,12 +12,28 @@ use terravision_common::log;
 use terravision_common::viewer::StreamSettings;
 
 /// What the viewer decides, and where the flight says what it has to say.
-const DECIDED: [&str; 9] =
-    ["--size", "--vfov", "--hfov", "--facet-px", "--texel-px", "--technique", "--exaggeration", "--overlay", "--quiet"];
+const DECIDED: [&str; 15] = [
+    "--size",
+    "--vfov",
+    "--hfov",
+    "--facet-px",
+    "--texel-px",
+    "--technique",
+    "--exaggeration",
+    "--overlay",
+    "--sun",
+    "--shadows",
+    "--haze",
+    "--stereo",
+    "--eye-separation",
+    "--convergence",
+    "--quiet",
+];
 
-/// The settings that the command line asks for.
-pub(super) fn settings(args: &ServeArgs) -> StreamSettings {
-    let picture = &args.shared.picture;
+/// The settings that the command line asks for. `convergence_m`: how far away the pictures of two
+/// eyes meet, unless it says so.
+pub(super) fn settings(args: &ServeArgs, convergence_m: f64) -> StreamSettings {
+    let picture = &args.shared.draw.picture;
     StreamSettings {
         facet_px: picture.facet_px,
         texel_px: picture.texel_px,
@@ -24,13 +41,23 @@ pub(super) fn settings(args: &ServeArgs) -> StreamSettings {
         technique: args.shared.value("--technique"),
         exaggeration: args.shared.value("--exaggeration").map(|_| picture.exaggeration),
         overlay: args.shared.value("--overlay"),
+        sun: args.shared.value("--sun").map(|sun| sun.trim().to_owned()),
+        shadows: picture.light.shadows.then_some(true),
+        haze: picture.light.haze.map(|Visibility(metres)| metres),
+        stereo: args.shared.value("--stereo"),
+        eye_separation: picture.stereo.eye_separation,
+        convergence: picture.stereo.convergence.or(Some(convergence_m)),
     }
 }
 
 /// Flags that a still has in common with the flight.
 pub(super) fn still_flags(args: &ServeArgs) -> Vec<String> {
-    let flags = args.shared.without(&DECIDED);
-    flags.into_iter().map(|flag| flag.to_string_lossy().into_owned()).collect()
+    texts(&args.shared.without(&DECIDED))
+}
+
+/// Flags as the viewer is told them.
+pub(super) fn texts(flags: &[OsString]) -> Vec<String> {
+    flags.iter().map(|flag| flag.to_string_lossy().into_owned()).collect()
 }
 
 /// Starts the flight of this number.
@@ -39,12 +66,13 @@ pub(super) fn start(
     programs: &Path,
     share: &str,
     number: u32,
-    [width, height]: [u32; 2],
+    size: [u32; 2],
     settings: &StreamSettings,
     events: SyncSender<Event>,
 ) -> anyhow::Result<Watched> {
+    let [width, height] = settings.eye_size(size);
     let mut command = Command::new(programs.join("terravision"));
-    command.arg("fly").arg(&args.world).args(args.shared.without(&DECIDED)).args(settings.flags());
+    command.arg("fly").arg(&args.shared.draw.world).args(args.shared.without(&DECIDED)).args(settings.flags());
     command.args(["--mode", "realtime", "--depth", "--metrics", "0"]);
     command.args([OsString::from("-o"), format!("shared:{share}").into()]);
     command

@@ -20,11 +20,9 @@ mod viewer;
 
 use crate::cli::serve::ServeArgs;
 use crate::failure::{ExitStatus, Failure};
-use crate::path::orbit::{self, OrbitWishes};
-use crate::path::{Course, Pose};
-use crate::process::{interrupt, own_folder};
+use crate::plan::start_pose;
+use crate::process::{interrupt, orphans, own_folder};
 use crate::world::{self, open_world};
-use crate::{ground::WorldGround, process::orphans};
 use anyhow::{Context, anyhow};
 use server::Server;
 use std::fs::DirBuilder;
@@ -34,11 +32,7 @@ use std::path::PathBuf;
 use std::process::{Command, Stdio};
 use terravision_common::shm::reap_dead_runs;
 use terravision_common::terminal::complain;
-use terravision_common::viewer::{FromViewer, ViewerPose, ViewerSetup};
-use terravision_store::Store;
-
-/// Vertical field of view of a camera that nobody has set.
-const DEFAULT_VFOV_DEG: f64 = 60.0;
+use terravision_common::viewer::{FromViewer, ViewerSetup};
 
 /// What happens while it serves.
 #[derive(Debug)]
@@ -65,24 +59,29 @@ enum Event {
 /// Bad input: the world does not open, the address is taken or needs a token. Failed: the flight
 /// does not start.
 pub fn serve(args: &ServeArgs) -> Result<(), Failure> {
-    if args.shared.picture.views.is_some() {
+    if args.shared.draw.picture.views.is_some() {
         return Err(Failure::bad_input(anyhow!("--views: a browser is shown one view; leave it out")));
     }
-    let settings = flight::settings(args);
+    if let Some(fault) = args.shared.draw.picture.light.fault() {
+        return Err(Failure::bad_input(anyhow!(fault)));
+    }
+    let listener = address::listen(args)?;
+    let database = open_world(&args.shared.draw.world, &args.shared.draw.database)?;
+    let (start, convergence_m) = start_pose(&args.shared.draw.picture, &database)?;
+    let settings = flight::settings(args, convergence_m);
     if let Some(fault) = settings.fault() {
         return Err(Failure::bad_input(anyhow!("the page offers settings within limits: {fault}")));
     }
-    let listener = address::listen(args)?;
-    let database = open_world(&args.world, &args.shared.database)?;
-    let start = start_pose(args, &database)?;
     let scratch = Scratch::create()?;
     let setup = ViewerSetup {
         share: format!("serve-{}", std::process::id()),
-        world: args.world.display().to_string(),
-        database: world::config(database.location(), &args.shared.database),
+        world: args.shared.draw.world.display().to_string(),
+        database: world::config(database.location(), &args.shared.draw.database),
         still_flags: flight::still_flags(args),
+        database_flags: flight::texts(&args.shared.of_database()),
         programs: own_folder()?,
         scratch: scratch.0.clone(),
+        film_bytes: args.film_bytes.0,
         token: args.token.clone(),
         is_read_only: args.read_only,
         embedders: args.allow_embed.clone(),
@@ -119,42 +118,6 @@ fn open_browser(page: &str) {
     if let Err(error) = started {
         complain(&format!("terravision: warning: --open: xdg-open does not start ({error}); open {page} yourself"));
     }
-}
-
-/// Where the camera is when nobody has moved it: at the start of the orbit.
-fn start_pose(args: &ServeArgs, database: &Store) -> Result<ViewerPose, Failure> {
-    let (world, picture) = (database.world(), &args.shared.picture);
-    let spacing = world.surface().end().max_element() / 200.0;
-    let ground = WorldGround::coarse(database, world, picture.exaggeration, spacing).bounded(database.ranges());
-    let wishes = OrbitWishes::usual(world.elevation_spacing_m(world.finest_elevation_level()));
-    let orbit = orbit::orbit(&ground.extent(), &ground, &wishes);
-    let first = match &orbit.path.course {
-        Course::Round(poses) | Course::Frames(poses) => poses.first().copied(),
-        Course::Timed(_) => None,
-    };
-    let Some(Pose { position, heading_rad, pitch_rad, roll_rad }) = first else {
-        return Err(Failure::failed(anyhow!("the orbit of this world has no pose")));
-    };
-    // Numbers that people can read.
-    let round = |value: f64, per_unit: f64| (value * per_unit).round() / per_unit;
-    let degrees = |radians: f64| round(radians.to_degrees(), 100.0);
-    Ok(ViewerPose {
-        x: round(position.x, 10.0),
-        y: round(position.y, 10.0),
-        z: round(position.z, 10.0),
-        heading: degrees(heading_rad).rem_euclid(360.0),
-        pitch: degrees(pitch_rad),
-        roll: degrees(roll_rad),
-        vfov: start_vfov(picture.vfov)?,
-    })
-}
-
-fn start_vfov(asked: Option<f64>) -> Result<f64, Failure> {
-    let vfov = asked.unwrap_or(DEFAULT_VFOV_DEG);
-    if !(1.0..=170.0).contains(&vfov) {
-        return Err(Failure::bad_input(anyhow!("--vfov {vfov}: expected degrees from 1 to 170")));
-    }
-    Ok(vfov)
 }
 
 /// A folder for files of a moment, removed when it is dropped.

@@ -15,19 +15,19 @@ use std::process::ExitStatus as ProcessStatus;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 use terravision_common::terminal::complain;
-use terravision_common::viewer::{FlightNews, FlightState, FromViewer, StreamSettings, ToViewer, ViewerSetup};
+use terravision_common::viewer::{FlightState, FlightStatus, FromViewer, StreamSettings, ToViewer, ViewerSetup};
 
 /// Between two looks at the children.
 const TICK: Duration = Duration::from_millis(20);
 /// Events that wait.
 const MOST_EVENTS: usize = 256;
-/// Size of the first flight's pictures, until a pilot's window says otherwise.
-const FIRST_SIZE: [u32; 2] = [960, 540];
+/// The largest pictures of the first flight, until a pilot's window needs more.
+const FIRST_SIZE: [u32; 2] = [1600, 960];
 /// A flight or a viewer that is told to end has this long.
 const ENDS_WITHIN: Duration = Duration::from_secs(5);
 /// Deaths without a picture in between after which a flight counts as failed; it is tried on.
-const STRIKES_OUT: u32 = 4;
-/// A viewer that has lived for this long has done some good.
+const MOST_FAILURES: u32 = 4;
+/// A viewer that has lived for this long has worked.
 const GOOD_LIFE: Duration = Duration::from_secs(5);
 
 /// Flight and viewer, and how they are.
@@ -37,13 +37,18 @@ pub(super) struct Server<'a> {
     listener: &'a TcpListener,
     events: (SyncSender<Event>, Receiver<Event>),
     flight: Option<Watched>,
-    news: FlightNews,
+    status: FlightStatus,
+    /// What a flight said last that has drawn nothing yet: if it ends there, this is the reason,
+    /// which is told in a sentence anyway.
+    said_last: Option<String>,
     /// How it is to be flown.
     wanted: ([u32; 2], StreamSettings),
     /// How it was flown when there was a picture last.
     proven: Option<([u32; 2], StreamSettings)>,
     /// When it was told to end, so that it can be flown in another way.
     told_to_end: Option<Instant>,
+    /// Since when nobody looks; `None` while somebody does.
+    unseen_since: Option<Instant>,
     flight_due: Instant,
     flight_back_off: BackOff,
     viewer: Option<Viewer>,
@@ -54,9 +59,9 @@ pub(super) struct Server<'a> {
 
 impl<'a> Server<'a> {
     pub(super) fn new(args: &'a ServeArgs, setup: ViewerSetup, listener: &'a TcpListener) -> Self {
-        let size = args.shared.picture.size.map_or(FIRST_SIZE, |size| [size.width, size.height]);
+        let size = args.shared.draw.picture.size.map_or(FIRST_SIZE, |size| [size.width, size.height]);
         let (settings, now) = (setup.defaults.clone(), Instant::now());
-        let news = FlightNews {
+        let status = FlightStatus {
             number: 0,
             pid: 0,
             state: FlightState::Starting,
@@ -71,10 +76,12 @@ impl<'a> Server<'a> {
             listener,
             events: sync_channel(MOST_EVENTS),
             flight: None,
-            news,
+            status,
+            said_last: None,
             wanted: (size, settings),
             proven: None,
             told_to_end: None,
+            unseen_since: Some(now),
             flight_due: now,
             flight_back_off: BackOff::default(),
             viewer: None,
@@ -111,8 +118,10 @@ impl<'a> Server<'a> {
     }
 
     fn look_at_flight(&mut self) -> Result<(), Failure> {
+        let rests =
+            self.proven.is_some() && self.unseen_since.is_some_and(|since| since.elapsed() >= self.args.rest_after);
         let Some(flight) = &mut self.flight else {
-            if Instant::now() >= self.flight_due {
+            if Instant::now() >= self.flight_due && !rests {
                 self.start_flight()?;
             }
             return Ok(());
@@ -124,10 +133,10 @@ impl<'a> Server<'a> {
         }
         match self.told_to_end {
             Some(since) if since.elapsed() > ENDS_WITHIN => flight.signal(Signal::KILL),
-            None if self.wanted != (self.news.size, self.news.settings.clone()) => {
+            None if rests || self.wanted != (self.status.size, self.status.settings.clone()) => {
                 flight.signal(Signal::INT);
                 self.told_to_end = Some(Instant::now());
-                self.tell(FlightState::Restarting, None);
+                self.tell(if rests { FlightState::Resting } else { FlightState::Restarting }, None);
             }
             _ => {}
         }
@@ -135,24 +144,25 @@ impl<'a> Server<'a> {
     }
 
     fn start_flight(&mut self) -> Result<(), Failure> {
-        (self.news.size, self.news.settings) = self.wanted.clone();
-        self.news.number += 1;
-        self.news.metrics = None;
-        let (number, size, events) = (self.news.number, self.news.size, self.events.0.clone());
+        (self.status.size, self.status.settings) = self.wanted.clone();
+        self.status.number += 1;
+        self.status.metrics = None;
+        self.said_last = None;
+        let (number, size, events) = (self.status.number, self.status.size, self.events.0.clone());
         let (programs, share) = (&self.setup.programs, &self.setup.share);
-        let started = flight::start(self.args, programs, share, number, size, &self.news.settings, events);
+        let started = flight::start(self.args, programs, share, number, size, &self.status.settings, events);
         let flight = started.map_err(|error| Failure::failed(anyhow!("cannot start the flight: {error}")))?;
-        self.news.pid = flight.pid();
+        self.status.pid = flight.pid();
         self.flight = Some(flight);
         self.told_to_end = None;
         let state = if number == 1 { FlightState::Starting } else { FlightState::Restarting };
-        let reason = self.news.reason.clone();
+        let reason = self.status.reason.clone();
         self.tell(state, reason);
         Ok(())
     }
 
     fn flight_ended(&mut self, status: ProcessStatus, reason: &str) -> Result<(), Failure> {
-        self.news.pid = 0;
+        self.status.pid = 0;
         if self.told_to_end.is_some() {
             self.flight_due = Instant::now();
             return Ok(());
@@ -167,7 +177,7 @@ impl<'a> Server<'a> {
             }
             return self.start_flight_later(reason);
         };
-        if has_given_up && proven != self.wanted && self.flight_back_off.strikes() == 0 {
+        if has_given_up && proven != self.wanted && self.flight_back_off.failures() == 0 {
             let text = format!("the flight cannot be flown like this, and goes on as before: it {reason}");
             self.say_to_all(true, text);
             let (size, settings) = proven.clone();
@@ -180,11 +190,11 @@ impl<'a> Server<'a> {
 
     /// A flight that died is started again in a moment.
     fn start_flight_later(&mut self, reason: &str) -> Result<(), Failure> {
-        let wait = self.flight_back_off.strike();
+        let wait = self.flight_back_off.note_failure();
         self.flight_due = Instant::now() + wait;
         let sentence = format!("the flight {reason}");
         self.say_to_all(true, format!("{sentence}; it is started again"));
-        let is_out = self.flight_back_off.strikes() > STRIKES_OUT;
+        let is_out = self.flight_back_off.failures() > MOST_FAILURES;
         self.tell(if is_out { FlightState::Failed } else { FlightState::Restarting }, Some(sentence));
         Ok(())
     }
@@ -200,12 +210,12 @@ impl<'a> Server<'a> {
         let reason = viewer.process.reason(status);
         self.viewer = None;
         if self.viewer_since.elapsed() > GOOD_LIFE {
-            self.viewer_back_off.forgive();
+            self.viewer_back_off.reset();
         }
-        if status.code().is_some() && self.viewer_back_off.strikes() > STRIKES_OUT {
+        if status.code().is_some() && self.viewer_back_off.failures() > MOST_FAILURES {
             return Err(Failure::failed(anyhow!("the viewer {reason}")));
         }
-        self.viewer_due = Instant::now() + self.viewer_back_off.strike();
+        self.viewer_due = Instant::now() + self.viewer_back_off.note_failure();
         complain(&format!("terravision: warning: the viewer {reason}; it is started again"));
         Ok(())
     }
@@ -217,20 +227,26 @@ impl<'a> Server<'a> {
             let program = self.setup.programs.join("terravision-viewer");
             Failure::failed(anyhow!("cannot start {}: {error}", program.display()))
         })?;
-        viewer.tell(&ToViewer::Flight(self.news.clone()));
+        viewer.tell(&ToViewer::Flight(self.status.clone()));
         self.viewer = Some(viewer);
         self.viewer_since = Instant::now();
+        // It tells when somebody comes.
+        self.unseen_since = Some(Instant::now());
         Ok(())
     }
 
     fn take(&mut self, event: Event) {
         match event {
-            Event::Viewer(FromViewer::Fly { size, settings }) => self.wanted = (size, settings),
-            Event::Viewer(FromViewer::Flying { number }) if number == self.news.number => {
-                self.proven = Some((self.news.size, self.news.settings.clone()));
-                self.flight_back_off.forgive();
-                self.news.reason = None;
-                self.news.state = FlightState::Flying;
+            Event::Viewer(FromViewer::Audience { looks }) => {
+                self.unseen_since = (!looks).then(Instant::now);
+            }
+            Event::Viewer(FromViewer::Fly { size, settings }) => self.wanted = (size, *settings),
+            Event::Viewer(FromViewer::Flying { number }) if number == self.status.number => {
+                self.proven = Some((self.status.size, self.status.settings.clone()));
+                self.flight_back_off.reset();
+                self.status.reason = None;
+                self.status.state = FlightState::Flying;
+                self.said_last.take().iter().for_each(|line| complain(line));
             }
             Event::Viewer(FromViewer::Flying { .. }) => {}
             Event::ViewerSaid { line } => complain(&line),
@@ -241,9 +257,9 @@ impl<'a> Server<'a> {
     fn flight_said(&mut self, number: u32, line: &str) {
         let Some(text) = line.strip_prefix("terravision: ") else { return complain(line) };
         if let Some(url) = text.strip_prefix("metrics of the run: http://") {
-            if number == self.news.number {
-                self.news.metrics = url.trim_end_matches("/metrics").parse().ok();
-                self.tell(self.news.state, self.news.reason.clone());
+            if number == self.status.number {
+                self.status.metrics = url.trim_end_matches("/metrics").parse().ok();
+                self.tell(self.status.state, self.status.reason.clone());
             }
             return;
         }
@@ -253,8 +269,24 @@ impl<'a> Server<'a> {
         }
         if let Some(warning) = text.strip_prefix("warning: ") {
             self.say_to_all(true, warning.to_owned());
-        } else if !text.starts_with("waiting for poses") && !self.args.shared.resources.quiet {
+        } else if let Some(note) = text.strip_prefix("note: ") {
+            self.flight_noted(note, line);
+        } else if !text.starts_with("waiting for poses") && !self.args.shared.draw.resources.quiet {
+            let is_flying = self.status.state == FlightState::Flying;
+            let line = if is_flying { Some(line.to_owned()) } else { self.said_last.replace(line.to_owned()) };
+            line.iter().for_each(|line| complain(line));
+        }
+    }
+
+    /// A flight notes what is special about its settings as it starts: those who have just changed them
+    /// are to know.
+    fn flight_noted(&mut self, note: &str, line: &str) {
+        if !self.args.shared.draw.resources.quiet {
             complain(line);
+        }
+        let is_changed = self.proven.as_ref().is_some_and(|(_, settings)| *settings != self.status.settings);
+        if is_changed {
+            self.tell_viewer(&ToViewer::Notice { is_warning: false, text: note.to_owned() });
         }
     }
 
@@ -264,8 +296,8 @@ impl<'a> Server<'a> {
     }
 
     fn tell(&mut self, state: FlightState, reason: Option<String>) {
-        (self.news.state, self.news.reason) = (state, reason);
-        self.tell_viewer(&ToViewer::Flight(self.news.clone()));
+        (self.status.state, self.status.reason) = (state, reason);
+        self.tell_viewer(&ToViewer::Flight(self.status.clone()));
     }
 
     fn tell_viewer(&mut self, message: &ToViewer) {

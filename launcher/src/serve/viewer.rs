@@ -13,8 +13,7 @@ use std::process::Command;
 use std::sync::mpsc::SyncSender;
 use std::time::Duration;
 use terravision_common::log;
-use terravision_common::stage::STAGE_ENVIRONMENT;
-use terravision_common::viewer::{MOST_LINE_BYTES, ToViewer};
+use terravision_common::viewer::{MOST_LINE_BYTES, ToViewer, VIEWER_ENVIRONMENT};
 
 /// A viewer that reads nothing for this long is not waited for.
 const WRITE_WITHIN: Duration = Duration::from_millis(500);
@@ -38,7 +37,7 @@ impl Viewer {
         stream.set_write_timeout(Some(WRITE_WITHIN))?;
         let mut command = Command::new(programs.join("terravision-viewer"));
         command.stdin(OwnedFd::from(listener.try_clone()?)).stdout(OwnedFd::from(theirs));
-        command.envs(log::environment()).envs(STAGE_ENVIRONMENT);
+        command.envs(log::environment()).envs(VIEWER_ENVIRONMENT);
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
         let said = events.clone();
         let process = Watched::start(&mut command, |line| Event::ViewerSaid { line }, said)?;

@@ -133,6 +133,12 @@ impl FrameMaker {
         }
     }
 
+    /// Keeps what the walls go down from that a world has at its border, down to this height.
+    #[must_use]
+    pub fn with_skirts(self, skirt_low_m: Option<f64>) -> Self {
+        Self { culling: self.culling.with_skirts(skirt_low_m), ..self }
+    }
+
     /// Does not cull blocks: for callers that draw the frame from another eye.
     #[must_use]
     pub fn with_whole_blocks(self) -> Self {

@@ -10,6 +10,8 @@ use terravision_common::validity::GROUND_PLANE;
 const MOST_STRETCHES: u32 = 1 << 20;
 /// How much further the way along an edge goes at least, lattice units.
 const LEAST_WAY: f64 = 1e-6;
+/// Share of a square without a tile after which it is looked again whether it is one at that distance.
+const LOOKED_AGAIN: f64 = 1.0 / 16.0;
 
 /// Ground along a stretch of a side of the world, linear between its ends.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,8 +40,12 @@ impl Surface<'_> {
             }
             let (source, _, _) = self.seen_at(point(at));
             let Source::Tile(source) = source else {
-                let Source::Hole { corner, log, .. } = source else { return };
-                at = (f64::from(corner[along]) + (1u64 << log) as f64).max(at + LEAST_WAY);
+                let Source::Hole { corner, log, until2 } = source else { return };
+                let side = (1u64 << log) as f64;
+                let end = f64::from(corner[along]) + side;
+                // Far parts of a square without a tile have that of the level above.
+                let next = if until2.is_finite() { end.min(at + side * LOOKED_AGAIN) } else { end };
+                at = next.max(at + LEAST_WAY);
                 continue;
             };
             let next = next_edge(at, beside, f64::from(1u32 << source.level));

@@ -12,7 +12,7 @@
 //!    |   before    |
 //! ```
 
-use super::shade::Shader;
+use super::shade::{ONE_SKYLINE_PX, ONE_SURFACE, Shader};
 use super::strip::{LINES, Strip};
 use std::ops::Range;
 use terravision_common::simd::{LANES, Simd};
@@ -189,7 +189,8 @@ impl<S: Simd> Shader<'_, S> {
                 let to = if is_last { row.start(lines.end, sector.lines) } else { row.pixel_from(at + 1.0) };
                 for x in from..to {
                     let share = (row.line_at(x) - at).clamp(0.0, 1.0) as f32;
-                    mixes.add(self.mix_of(strip, &segment, [x, number], [share, row.lines_per_pixel() as f32]));
+                    let lean = [share, row.lines_per_pixel() as f32];
+                    mixes.add(self.mix_of((strip, lines), &segment, [x, number], lean));
                 }
             }
         });
@@ -197,7 +198,13 @@ impl<S: Simd> Shader<'_, S> {
 
     /// What is to be mixed into a pixel that an edge may pass. It lies at a share of the way between
     /// the segment's lines.
-    fn mix_of(&self, strip: &Strip, segment: &Segment, at: [u32; 2], [share, lines_per_px]: [f32; 2]) -> Option<Mix> {
+    fn mix_of(
+        &self,
+        (strip, lines): (&Strip, &Range<usize>),
+        segment: &Segment,
+        at: [u32; 2],
+        [share, lines_per_px]: [f32; 2],
+    ) -> Option<Mix> {
         let (row, by, line, edge) = segment.at(share)?;
         let number = at[1];
         // Of a box whose middle is that far from a straight edge.
@@ -205,11 +212,12 @@ impl<S: Simd> Shader<'_, S> {
         if !(LEAST_SHARE..=1.0 - LEAST_SHARE).contains(&before) {
             return None;
         }
-        let of = |row: u32| {
-            let row = strip.row(row as usize);
+        let of = |number: u32| {
+            let row = strip.row(number as usize);
             [row.nearness[line], row.per_row[line]]
         };
-        let (near, far) = (of(number.min(edge.behind - 1)), of(number.max(edge.behind)));
+        let sides = [number.min(edge.behind - 1), number.max(edge.behind)];
+        let [near, far] = sides.map(of);
         if far[0] >= near[0] * (1.0 - BEHIND) {
             return None;
         }
@@ -217,14 +225,46 @@ impl<S: Simd> Shader<'_, S> {
         let (_, depth) = self.canvas.picture.get(pixel);
         let middle = if depth.is_nan() { 0.0 } else { 1.0 / depth };
         let sees = |side: f32| (middle - side).abs() <= SAME * side;
-        let (share, seen) = if sees(near[0]) {
-            (1.0 - before, far)
+        let (share, seen, side) = if sees(near[0]) {
+            // The next line's ground may go on above a line's last one: then nothing ends here.
+            let above = self.nearness_at((strip, lines), [at[0], number + 1]);
+            if above.is_some_and(|above| (above - near[0]).abs() <= BEHIND * near[0]) {
+                return None;
+            }
+            (1.0 - before, far, sides[1])
         } else if sees(far[0]) {
-            (before, near)
+            (before, near, sides[0])
         } else {
             return None;
         };
+        // A hole shows what lies beyond it, and no edge.
+        if self.is_hole(self.pixel([at[0], side]), seen[0]) {
+            return None;
+        }
         Some(Mix { at, pixel, seen, share })
+    }
+
+    /// One over depth of what a pixel between lines of the strip sees, as when it was put; 0 for sky.
+    fn nearness_at(&self, (strip, lines): (&Strip, &Range<usize>), [x, number]: [u32; 2]) -> Option<f32> {
+        let row = self.fan.rows.get(number as usize).filter(|row| (row.first..row.end).contains(&x))?;
+        let line = row.line_at(x) - lines.start as f64;
+        if line < 0.0 || line >= (lines.len() - 1) as f64 {
+            return None;
+        }
+        let (at, share) = (line as usize, line.fract() as f32);
+        let [here, next] = [at, at + 1].map(|at| strip.row(number as usize).nearness[at]);
+        let [skyline, skyline_next] = [at, at + 1].map(|at| strip.skyline[at]);
+        let (nearest, rise) = (if share < 0.5 { here } else { next }, skyline_next - skyline);
+        if (next - here).abs() < nearest * ONE_SURFACE {
+            return Some(here + share * (next - here));
+        }
+        let is_skyline = here.min(next) <= 0.0 && here.max(next) > 0.0 && rise.abs() < ONE_SKYLINE_PX;
+        let is_ground = number as f32 + 0.5 < skyline + share * rise;
+        Some(match (is_skyline, is_ground) {
+            (false, _) => nearest,
+            (true, false) => 0.0,
+            (true, true) => here.max(next),
+        })
     }
 
     /// Mixes the colors of up to sixteen pixels in, the last ones.

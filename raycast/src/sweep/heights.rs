@@ -5,6 +5,7 @@ use crate::scene::{Bounds, Scene};
 use glam::{DVec2, Vec2};
 use terravision_common::simd::{LANES, Simd, Sixteen};
 use terravision_common::surface::facet::facet_linear_of_lanes;
+use terravision_common::validity::{GROUND_PLANE, MEASURED_PLANE};
 
 /// A point that is no further outside of a tile, cells, is taken for one on its border: rounding of
 /// metres from the eye.
@@ -76,6 +77,8 @@ pub(super) struct Heights<'a> {
     next_first: Integers,
     next_west: Sixteen<f32>,
     next_south: Sixteen<f32>,
+    /// A bit of each lane whose tile has posts that are not ground, or were not measured.
+    unmeasured: u32,
 }
 
 impl<'a> Heights<'a> {
@@ -101,29 +104,62 @@ impl<'a> Heights<'a> {
             next_first: [0; LANES],
             next_west: [0.0; LANES],
             next_south: [0.0; LANES],
+            unmeasured: 0,
         }
     }
 
     /// Heights of the ground at points; [`NOTHING`] where no tile is.
     #[inline(always)]
     pub(super) fn at<S: Simd>(&mut self, simd: S, place: &Place<S>) -> S::Floats {
-        let [mut u, mut v] = self.cells(simd, place);
-        if !self.is_over(simd, place, [u, v]) {
-            self.look_up(&Places::of(simd, place));
-            [u, v] = self.cells(simd, place);
+        let cells = self.over(simd, place);
+        let heights = self.blended(simd, place, cells, simd.words(0));
+        heights * simd.floats(self.scale) + simd.load(&self.base)
+    }
+
+    /// Shares of ground and of measured ground at points ([`terravision_common::validity`]), 1 where
+    /// no tile is; `None` where all ground was measured.
+    #[inline(always)]
+    pub(super) fn shares<S: Simd>(&mut self, simd: S, place: &Place<S>) -> Option<[S::Floats; 2]> {
+        let cells = self.over(simd, place);
+        if self.unmeasured == 0 {
+            return None;
         }
-        let mut heights = self.sample(simd, [u, v], simd.load_words(&self.first));
+        let stride = simd.load_words(&self.stride);
+        let posts = stride * stride;
+        let [ground, measured] = [GROUND_PLANE, MEASURED_PLANE];
+        let ground = self.blended(simd, place, cells, posts * simd.words(ground as u32));
+        let measured = self.blended(simd, place, cells, posts * simd.words(measured as u32));
+        let is_tile = simd.less(simd.floats(NOTHING), simd.load(&self.base));
+        let one = simd.floats(1.0);
+        Some([simd.select(is_tile, ground, one), simd.select(is_tile, measured, one)])
+    }
+
+    /// Where points lie in their lanes' tiles, cells, once those are found.
+    #[inline(always)]
+    fn over<S: Simd>(&mut self, simd: S, place: &Place<S>) -> [S::Floats; 2] {
+        let cells = self.cells(simd, place);
+        if self.is_over(simd, place, cells) {
+            return cells;
+        }
+        self.look_up(&Places::of(simd, place));
+        self.cells(simd, place)
+    }
+
+    /// Numbers of a plane that begins this many posts behind each tile's begin, blended into the next
+    /// level's.
+    #[inline(always)]
+    fn blended<S: Simd>(&self, simd: S, place: &Place<S>, [u, v]: [S::Floats; 2], posts_before: S::Words) -> S::Floats {
+        let own = self.sample(simd, [u, v], simd.load_words(&self.first) + posts_before);
         let by = (place.away2 - simd.load(&self.blend_from2)) * simd.load(&self.blend_per2);
         let (zero, one) = (simd.floats(0.0), simd.floats(1.0));
         let share = simd.smaller(simd.larger(by, zero), one);
-        if simd.any(simd.less(zero, share)) {
-            let half = simd.floats(0.5);
-            u = u * half + simd.load(&self.next_west);
-            v = v * half + simd.load(&self.next_south);
-            let coarser = self.sample(simd, [u, v], simd.load_words(&self.next_first));
-            heights = heights + share * (coarser - heights);
+        if !simd.any(simd.less(zero, share)) {
+            return own;
         }
-        heights * simd.floats(self.scale) + simd.load(&self.base)
+        let half = simd.floats(0.5);
+        let next = [u * half + simd.load(&self.next_west), v * half + simd.load(&self.next_south)];
+        let coarser = self.sample(simd, next, simd.load_words(&self.next_first) + posts_before);
+        own + share * (coarser - own)
     }
 
     /// Heights at places in tiles that begin there, cells.
@@ -208,6 +244,11 @@ impl<'a> Heights<'a> {
         self.next_first[to] = self.next_first[from];
         self.next_west[to] = self.next_west[from];
         self.next_south[to] = self.next_south[from];
+        self.set_unmeasured(to, self.unmeasured >> from & 1 == 1);
+    }
+
+    fn set_unmeasured(&mut self, k: usize, is_unmeasured: bool) {
+        self.unmeasured = self.unmeasured & !(1 << k) | u32::from(is_unmeasured) << k;
     }
 
     /// A tile of the elevation pool.
@@ -230,6 +271,8 @@ impl<'a> Heights<'a> {
         self.blend_per2[k] = if over.is_finite() && over > 0.0 { 1.0 / over } else { 0.0 };
         self.next_first[k] = source.next_first;
         [self.next_west[k], self.next_south[k]] = source.next_corner;
+        let pyramid = self.scene.pyramid().map(|(pyramid, _)| pyramid).filter(|pyramid| pyramid.has_validity());
+        self.set_unmeasured(k, pyramid.is_some_and(|pyramid| pyramid.is_partly_unmeasured(source)));
     }
 
     /// A tile of the ground, which has no levels above it.
@@ -260,5 +303,6 @@ impl<'a> Heights<'a> {
         self.from2[k] = f32::NEG_INFINITY;
         self.until2[k] = until2;
         self.blend_per2[k] = 0.0;
+        self.set_unmeasured(k, false);
     }
 }

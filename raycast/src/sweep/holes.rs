@@ -1,5 +1,6 @@
-//! Holes, and ground that was filled, where a sweep has read heights in place: a pass over the
-//! pixels after it, as [`crate::exact::holes`] is for tiles of the ground's own.
+//! Holes, and ground that was filled, where a sweep has read heights in place: pixel by pixel, as
+//! [`crate::exact::holes`] is for tiles of the ground's own. Most pixels are looked at sixteen at a
+//! time ([`super::through`]); here are those whose neighbors see something else.
 //!
 //! The surface is that of the sweep: a function of the point and of its distance from the eye. A ray
 //! that met a hole goes on from facet to facet of the level that is wanted where it is. The next
@@ -7,15 +8,12 @@
 //! they are blended to, but for the way that the share of the next level goes with the distance.
 
 use super::surface::Surface;
-use crate::counts::Counts;
 use crate::exact::holes::{MARK, MOST_HOLES, WITHIN};
 use crate::exact::{LEAST_BELOW, LEAST_BELOW_M, Side, past};
 use crate::model::{Source, TileSource};
 use crate::scene::{Bounds, exit};
 use crate::shade::Canvas;
 use crate::view::Ray;
-use crate::workers::Workers;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use terravision_common::validity::{GROUND_PLANE, HALF, MEASURED_PLANE};
 
 /// A ray crosses fewer tiles, and fewer facets of one. Bounds on loops that hold whatever rounding
@@ -44,71 +42,54 @@ impl Met {
     }
 }
 
-/// The tile that neighboring pixels see, metres from the eye.
-struct Known {
-    source: TileSource,
-    bounds: Bounds,
-    is_partly_unmeasured: bool,
-}
-
-impl Canvas<'_> {
-    /// Continues the rays that hit a hole, and marks pixels whose ground was filled.
-    pub(crate) fn look_at_shares_in_place(&self, workers: &Workers) {
-        let Some(surface) = Surface::new(self.scene) else { return };
-        let rows = self.picture.size()[1] as usize;
-        let next = AtomicUsize::new(0);
-        workers.run(|_| {
-            let mut counts = Counts::default();
-            // Relaxed: the result does not depend on which worker takes a row.
-            while let Some(row) = Some(next.fetch_add(1, Ordering::Relaxed)).filter(|row| *row < rows) {
-                surface.look_at_row(self, row, &mut counts);
-            }
-            counts
-        });
-    }
-}
-
 impl Surface<'_> {
-    fn look_at_row(&self, canvas: &Canvas<'_>, row: usize, counts: &mut Counts) {
+    /// Looks at a pixel that sees ground: its ray goes on if that is a hole, and it is marked if the
+    /// ground was filled.
+    pub(super) fn look_at(&self, canvas: &Canvas<'_>, pixel: [u32; 2]) {
         let (scene, picture) = (self.scene, canvas.picture);
-        let mut known: Option<Known> = None;
-        for ((color, depth), x) in picture.row(row).zip(0u32..) {
-            if !depth.is_finite() {
-                continue;
+        let (color, depth) = picture.get(pixel);
+        if !depth.is_finite() {
+            return;
+        }
+        let ray = scene.view.ray(pixel);
+        let s = self.within(&ray, depth / ray.depth);
+        let Some(source) = self.partly_unmeasured(&ray, s) else { return };
+        let met = self.met(&ray, s, &source);
+        if !met.is_hole {
+            if met.is_filled {
+                picture.put(pixel, met.marked(color), depth);
             }
-            let pixel = [x, row as u32];
-            let ray = scene.view.ray(pixel);
-            // Between two planes a point may lie a little beyond the border: what is there is what
-            // is at the border.
-            let s = (depth / ray.depth).min(scene.departure(&ray) * WITHIN);
-            if !known.as_ref().is_some_and(|known| known.holds(&ray, s)) {
-                known = self.known(&ray, s);
+            return;
+        }
+        let beyond = self.beyond_hole(&ray, s, self.side_beyond(&ray, s, &source));
+        let tile = beyond.as_ref().and_then(|met| scene.tile_at_point((ray.direction * met.s).truncate()));
+        match (beyond, tile) {
+            (Some(met), Some(tile)) => {
+                picture.put(pixel, met.marked(canvas.shade(tile, &ray, met.s)), met.s * ray.depth);
             }
-            let Some(Known { source, is_partly_unmeasured: true, .. }) = &known else { continue };
-            let met = self.met(&ray, s, source);
-            if !met.is_hole {
-                if met.is_filled {
-                    picture.put(pixel, met.marked(color), depth);
-                }
-                continue;
-            }
-            let beyond = self.beyond_hole(&ray, s, self.side_beyond(&ray, s, source), counts);
-            let tile = beyond.as_ref().and_then(|met| scene.tile_at_point((ray.direction * met.s).truncate()));
-            match (beyond, tile) {
-                (Some(met), Some(tile)) => {
-                    picture.put(pixel, met.marked(canvas.shade(tile, &ray, met.s)), met.s * ray.depth);
-                }
-                _ => canvas.put_sky(pixel),
-            }
+            _ => canvas.put_sky(pixel),
         }
     }
 
-    /// The tile that a ray is over, and where it is the right one.
-    fn known(&self, ray: &Ray, s: f32) -> Option<Known> {
-        let Source::Tile(source) = self.source(ray, s) else { return None };
-        let log = self.scene.ground.shape().surface.cells().ilog2() + u32::from(source.level);
-        let bounds = self.scene.square(source.origin, log);
-        Some(Known { source, bounds, is_partly_unmeasured: self.pyramid.is_partly_unmeasured(&source) })
+    /// Whether what a pixel sees at this depth is a hole.
+    pub(super) fn is_hole(&self, pixel: [u32; 2], depth: f32) -> bool {
+        let ray = self.scene.view.ray(pixel);
+        let s = self.within(&ray, depth / ray.depth);
+        self.partly_unmeasured(&ray, s).is_some_and(|source| self.met(&ray, s, &source).is_hole)
+    }
+
+    /// Between two planes a point may lie a little beyond the border: what is there is what is at the
+    /// border.
+    fn within(&self, ray: &Ray, s: f32) -> f32 {
+        s.min(self.scene.departure(ray) * WITHIN)
+    }
+
+    /// The tile that a ray is over, if some of its ground may be a hole, or may have been filled.
+    fn partly_unmeasured(&self, ray: &Ray, s: f32) -> Option<TileSource> {
+        match self.source(ray, s) {
+            Source::Tile(source) => Some(source).filter(|source| self.pyramid.is_partly_unmeasured(source)),
+            Source::Hole { .. } => None,
+        }
     }
 
     /// The surface where a ray has met it.
@@ -127,10 +108,10 @@ impl Surface<'_> {
     }
 
     /// Where a ray that passes through a hole, to this side of the surface, hits ground, if it does.
-    fn beyond_hole(&self, ray: &Ray, mut s: f32, mut side: Side, counts: &mut Counts) -> Option<Met> {
+    fn beyond_hole(&self, ray: &Ray, mut s: f32, mut side: Side) -> Option<Met> {
         let border = self.scene.departure(ray);
         for _ in 0..MOST_HOLES {
-            let met = self.next_met(ray, &mut side, [past(s), border], counts)?;
+            let met = self.next_met(ray, &mut side, [past(s), border])?;
             if !met.is_hole {
                 return Some(met);
             }
@@ -140,7 +121,7 @@ impl Surface<'_> {
     }
 
     /// Where a ray next meets the side of the surface that is drawn, before `border`.
-    fn next_met(&self, ray: &Ray, side: &mut Side, [from, border]: [f32; 2], counts: &mut Counts) -> Option<Met> {
+    fn next_met(&self, ray: &Ray, side: &mut Side, [from, border]: [f32; 2]) -> Option<Met> {
         let [lowest, highest] = self.scene.ground.range_m().map(|height| height - self.scene.eye_height);
         let (mut s, rise) = (from, ray.direction.z);
         for _ in 0..MOST_TILES {
@@ -159,7 +140,7 @@ impl Surface<'_> {
             };
             let end = self.end_of(ray, s, &source, border);
             if !self.is_clear(ray, [s, end], *side, &source)
-                && let Some(met) = self.cross(ray, side, [s, end], &source, counts)
+                && let Some(met) = self.cross(ray, side, [s, end], &source)
             {
                 return Some(met);
             }
@@ -188,21 +169,13 @@ impl Surface<'_> {
     }
 
     /// Goes from facet to facet of a tile, up to where a ray meets the side of one that is drawn.
-    fn cross(
-        &self,
-        ray: &Ray,
-        side: &mut Side,
-        [from, to]: [f32; 2],
-        source: &TileSource,
-        counts: &mut Counts,
-    ) -> Option<Met> {
+    fn cross(&self, ray: &Ray, side: &mut Side, [from, to]: [f32; 2], source: &TileSource) -> Option<Met> {
         let (mut s, end) = (f64::from(from), f64::from(to));
         let mut above = self.above(ray, s, source);
         if *side == Side::Outside {
             *side = if above < 0.0 { Side::Below } else { Side::Above };
         }
         for _ in 0..MOST_FACETS {
-            counts.samples += 1;
             let next = self.next_edge(ray, s, source).min(end).max(s);
             let above_next = self.above(ray, next, source);
             let is_through = match *side {
@@ -243,17 +216,6 @@ impl Surface<'_> {
             }
         }
         at
-    }
-}
-
-impl Known {
-    /// Whether a ray is over its tile, at distances that it is right for.
-    fn holds(&self, ray: &Ray, s: f32) -> bool {
-        let at = ray.direction * s;
-        let (point, away2) = (at.truncate(), at.length_squared());
-        let Bounds { min, max } = self.bounds;
-        let is_over = point.cmpge(min).all() && point.cmple(max).all();
-        is_over && away2 >= self.source.from2 && away2 < self.source.until2
     }
 }
 

@@ -10,6 +10,7 @@
 //! camera ─▶ sector: up to four parts around the vertical's vanishing point ─▶ fan: planes, steps outwards
 //!    strips of 128 lines, to whichever worker is free:
 //!    trace: heights under sixteen planes, horizon by horizon ─▶ strip: nearness of rows
+//!    beyond: once more, for rows that met a hole ─▶ strip: nearness through holes
 //!    shade: rows of pixels ─▶ place, footprint ─▶ texels, out of the tiles' layers in place ─▶ picture
 //!    edges: at best, pixels on silhouettes: what their middle does not see is mixed in
 //! ```
@@ -19,6 +20,7 @@
 //! vectors of sixteen numbers (`terravision_common::simd`), done by the widest instructions that the processor
 //! has ([`Instructions`]), with the same bits by all of them.
 
+mod beyond;
 mod border;
 mod edges;
 mod fan;
@@ -32,6 +34,7 @@ mod surface;
 #[cfg(test)]
 mod tests;
 mod texels;
+mod through;
 mod trace;
 
 use crate::counts::Counts;
@@ -103,7 +106,7 @@ impl SweepDetail {
         step_px: 1.0,
         of_spacing: 0.125,
         post_px: 1.0,
-        lines_per_px: 0.75,
+        lines_per_px: 0.6,
         has_two_taps: true,
         has_soft_edges: true,
         ..Self::DEFAULT
@@ -162,7 +165,8 @@ impl Sweep {
         detail: &SweepDetail,
         workers: &Workers,
     ) -> Counts {
-        let count = self.set(canvas.scene, camera, detail);
+        let has_holes = canvas.scene.has_holes_in_place();
+        let count = self.set(canvas.scene, camera, detail, has_holes);
         let Self { instructions, fans, strips, memory, .. } = &*self;
         let fans = &fans[..count];
         let next = AtomicUsize::new(0);
@@ -172,7 +176,8 @@ impl Sweep {
             let mut counts = Counts::default();
             // Relaxed: which worker takes a strip shows nowhere.
             while let Some((fan, blocks)) = strips.get(next.fetch_add(1, Ordering::Relaxed)) {
-                let work = StripWork { canvas, fan: &fans[*fan], first: blocks.start, end: blocks.end, detail };
+                let work =
+                    StripWork { canvas, fan: &fans[*fan], first: blocks.start, end: blocks.end, detail, has_holes };
                 counts.samples += instructions.run(Trace { work, strip: &mut strip });
                 counts.hits += instructions.run(Shade { work, strip: &strip });
             }
@@ -181,12 +186,12 @@ impl Sweep {
     }
 
     /// Makes the sectors, planes and strips of a frame; how many sectors there are.
-    fn set(&mut self, scene: &Scene<'_>, camera: &Camera, detail: &SweepDetail) -> usize {
+    fn set(&mut self, scene: &Scene<'_>, camera: &Camera, detail: &SweepDetail, has_holes: bool) -> usize {
         let Self { fans, rows, strips, memory, .. } = self;
         let size = [camera.width(), camera.height()];
         let longest = size[0].max(size[1]) as usize;
         for strip in memory {
-            strip.get_mut().unwrap_or_else(PoisonError::into_inner).reserve(longest);
+            strip.get_mut().unwrap_or_else(PoisonError::into_inner).reserve(longest, has_holes);
         }
         fans.iter_mut().for_each(|fan| fan.reserve(scene, size, detail));
         rows.reserve(longest.saturating_sub(rows.len()));
@@ -231,6 +236,8 @@ struct StripWork<'a> {
     first: usize,
     end: usize,
     detail: &'a SweepDetail,
+    /// Whether ground may be a hole, or may have been filled.
+    has_holes: bool,
 }
 
 impl<'a> StripWork<'a> {
@@ -255,6 +262,9 @@ impl Work for Trace<'_> {
         for (number, block) in work.blocks().iter().enumerate() {
             let Some(mut tracer) = Tracer::new(simd, work.canvas.scene, work.fan, block) else { continue };
             tracer.trace(strip, number * LANES);
+            if work.has_holes {
+                tracer.look_beyond(strip, number * LANES);
+            }
             samples += tracer.samples;
         }
         samples
@@ -272,9 +282,12 @@ impl Work for Shade<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self, simd: S) -> u64 {
-        let StripWork { canvas, fan, first, end, detail } = self.work;
+        let StripWork { canvas, fan, first, end, detail, has_holes } = self.work;
         let lines = first * LANES..end * LANES;
         let Some(mut shader) = Shader::new(simd, canvas, fan, detail) else { return 0 };
+        if has_holes {
+            shader.look_through_holes();
+        }
         let ground = shader.shade(self.strip, lines.clone());
         if detail.has_soft_edges {
             shader.soften(self.strip, lines);

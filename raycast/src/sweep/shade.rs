@@ -4,6 +4,8 @@ use super::SweepDetail;
 use super::fan::Fan;
 use super::strip::{LINES, Strip, StripRow};
 use super::texels::{Points, Taps, TilePaint};
+use super::through::{Holes, Through};
+use crate::exact::holes::MARK;
 use crate::model::color::ColorLayout;
 use crate::scene::Scene;
 use crate::shade::Canvas;
@@ -13,22 +15,23 @@ use terravision_common::simd::{LANES, Simd, Sixteen};
 
 /// Two lines are interpolated between, unless their nearness differs by more than this share: then
 /// one lies behind a crest.
-const ONE_SURFACE: f32 = 0.02;
+pub(super) const ONE_SURFACE: f32 = 0.02;
 /// Skylines of two lines are one line, between which is interpolated, if they are no further apart.
-const ONE_SKYLINE_PX: f32 = 8.0;
+pub(super) const ONE_SKYLINE_PX: f32 = 8.0;
 /// Nearness of the furthest that is drawn, which keeps numbers finite.
-const LEAST_NEARNESS: f32 = 1e-9;
+pub(super) const LEAST_NEARNESS: f32 = 1e-9;
 /// Times sixteen pixels that are looked at before they are colored, and those.
 const AHEAD: usize = 8;
 const AHEAD_PIXELS: u32 = (AHEAD * LANES) as u32;
 /// Tasks of them: pixels over one tile each.
 const TASKS: usize = 2 * AHEAD;
 /// Numbers of lanes.
-const NUMBERS: Sixteen<f32> = [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0];
+pub(super) const NUMBERS: Sixteen<f32> =
+    [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0, 13.0, 14.0, 15.0];
 
 /// What rows are shaded with.
 pub(super) struct Shader<'a, S> {
-    simd: S,
+    pub(super) simd: S,
     pub(super) canvas: &'a Canvas<'a>,
     scene: &'a Scene<'a>,
     pub(super) fan: &'a Fan,
@@ -38,16 +41,20 @@ pub(super) struct Shader<'a, S> {
     /// and up.
     pixel_steps: [[i32; 2]; 3],
     /// Direction through the lower left pixel, and from pixel to pixel along a row and up.
-    directions: [Vec3; 3],
+    pub(super) directions: [Vec3; 3],
     /// The tile that pixels are likely over.
     current: Option<TilePaint<'a>>,
     /// That of a row's first pixels, over which the next row mostly begins, too.
     begun: Option<TilePaint<'a>>,
+    /// Where ground may be a hole, or may have been filled.
+    pub(super) holes: Option<Holes<'a>>,
 }
 
 /// Where a row is in its strip.
-struct RowPlace<'a> {
+pub(super) struct RowPlace<'a> {
     row: &'a StripRow,
+    /// What it sees through holes.
+    pub(super) beyond: Option<&'a StripRow>,
     skyline: &'a [f32; LINES + LANES],
     /// Its middle.
     middle: f32,
@@ -59,9 +66,17 @@ struct RowPlace<'a> {
 }
 
 /// Pixels beside each other: one over depth, 0 for sky, and its change from row to row.
-struct Seen<S: Simd> {
-    nearness: S::Floats,
-    per_row: S::Floats,
+pub(super) struct Seen<S: Simd> {
+    pub(super) nearness: S::Floats,
+    pub(super) per_row: S::Floats,
+}
+
+/// Pixels beside each other between two lines each: the first of those, the share of the way to the
+/// next one, and whether the first one is nearer.
+pub(super) struct Between<S: Simd> {
+    pub(super) at: S::Words,
+    pub(super) share: S::Floats,
+    pub(super) is_here: S::Mask,
 }
 
 impl<'a, S: Simd> Shader<'a, S> {
@@ -74,7 +89,24 @@ impl<'a, S: Simd> Shader<'a, S> {
         let [corner, along, up] = pixel_steps;
         let directions = [scene.view.direction_at(corner[0] as f32, corner[1] as f32), direction(along), direction(up)];
         let layout = scene.ground.shape().color;
-        Some(Self { simd, canvas, scene, fan, detail, layout, pixel_steps, directions, current: None, begun: None })
+        Some(Self {
+            simd,
+            canvas,
+            scene,
+            fan,
+            detail,
+            layout,
+            pixel_steps,
+            directions,
+            current: None,
+            begun: None,
+            holes: None,
+        })
+    }
+
+    /// Looks through holes from now on.
+    pub(super) fn look_through_holes(&mut self) {
+        self.holes = Holes::new(self.scene);
     }
 
     /// Shades all pixels of the strip of the lines `lines`; how many of them are ground.
@@ -89,6 +121,7 @@ impl<'a, S: Simd> Shader<'a, S> {
             let first_line = (row.line_at(from) - lines.start as f64) as f32;
             let mut place = RowPlace {
                 row: strip.row(number as usize),
+                beyond: strip.beyond(number as usize),
                 skyline: &strip.skyline,
                 middle: number as f32 + 0.5,
                 last: (lines.len() - 1) as f32,
@@ -109,6 +142,7 @@ impl<'a, S: Simd> Shader<'a, S> {
                     }
                 }
                 ahead.color(self.simd);
+                ahead.mark();
                 self.put([x, number], (end - x) as usize, &ahead);
                 x = end;
             }
@@ -120,11 +154,15 @@ impl<'a, S: Simd> Shader<'a, S> {
     #[inline(always)]
     fn pixels(&mut self, place: &RowPlace<'_>, at: [u32; 2], count: u32, ahead: &mut Ahead<'a>) -> u64 {
         let simd = self.simd;
-        let seen = self.seen(place);
+        let mut seen = self.seen(place);
         let within = (1u32 << count) - 1;
-        let land = simd.bits(simd.less(simd.floats(0.0), seen.nearness)) & within;
+        let mut land = simd.bits(simd.less(simd.floats(0.0), seen.nearness)) & within;
         let mut depth = simd.floats(f32::NAN);
         let number = ahead.add(self.canvas.sky);
+        if self.holes.is_some() && land != 0 {
+            ahead.through[number] = self.look_through(&mut seen, place, at, land);
+            land &= simd.bits(simd.less(simd.floats(0.0), seen.nearness));
+        }
         if land != 0 {
             let depths = simd.floats(1.0) / simd.larger(seen.nearness, simd.floats(LEAST_NEARNESS));
             depth = simd.select(simd.mask(land), depths, depth);
@@ -134,18 +172,24 @@ impl<'a, S: Simd> Shader<'a, S> {
         u64::from(land.count_ones())
     }
 
-    /// What is seen, out of the lines of a strip.
+    /// Between which lines pixels are.
     #[inline(always)]
-    fn seen(&self, place: &RowPlace<'_>) -> Seen<S> {
+    pub(super) fn between(&self, place: &RowPlace<'_>) -> Between<S> {
         let simd = self.simd;
         let line = simd.floats(place.line) + simd.floats(place.per_pixel) * simd.load(&NUMBERS);
         let line = simd.smaller(simd.larger(line, simd.floats(0.0)), simd.floats(place.last));
         let whole = simd.smaller(simd.floor(line), simd.floats(place.last - 1.0));
         let share = line - whole;
-        let at = simd.index(whole);
+        Between { at: simd.index(whole), share, is_here: simd.less(share, simd.floats(0.5)) }
+    }
+
+    /// What is seen, out of the lines of a strip.
+    #[inline(always)]
+    fn seen(&self, place: &RowPlace<'_>) -> Seen<S> {
+        let simd = self.simd;
+        let Between { at, share, is_here } = self.between(place);
         let [here, next] = self.lines(place, &place.row.nearness, at);
         let [per_row_here, per_row_next] = self.lines(place, &place.row.per_row, at);
-        let is_here = simd.less(share, simd.floats(0.5));
         let nearest = simd.select(is_here, here, next);
         let by = next - here;
         let is_one = simd.less(simd.magnitude(by), nearest * simd.floats(ONE_SURFACE));
@@ -170,7 +214,7 @@ impl<'a, S: Simd> Shader<'a, S> {
 
     /// Numbers of two neighboring lines each, of which `at` are the first.
     #[inline(always)]
-    fn lines(&self, place: &RowPlace<'_>, of: &[f32; LINES + LANES], at: S::Words) -> [S::Floats; 2] {
+    pub(super) fn lines(&self, place: &RowPlace<'_>, of: &[f32; LINES + LANES], at: S::Words) -> [S::Floats; 2] {
         let simd = self.simd;
         // Sixteen pixels mostly see no more lines than that.
         if place.per_pixel <= 1.0 && place.per_pixel >= 0.0 {
@@ -237,7 +281,7 @@ impl<'a, S: Simd> Shader<'a, S> {
             }
             let task = ahead.task(number, mine);
             match &self.current {
-                Some(current) => current.taps(simd, points, self.detail.has_two_taps, &mut task.taps),
+                Some(current) => current.taps(simd, points, mine, self.detail.has_two_taps, &mut task.taps),
                 // Black.
                 None => task.taps = Taps::NONE,
             }
@@ -251,6 +295,11 @@ impl<'a, S: Simd> Shader<'a, S> {
         let [_, along, _] = self.pixel_steps;
         let (colors, depths) = (ahead.colors.as_flattened(), ahead.depths.as_flattened());
         self.canvas.picture.put_along(self.pixel([x, number]), along, &colors[..count], &depths[..count]);
+        for (first, through) in (x..).step_by(LANES).zip(&ahead.through[..ahead.count]) {
+            if through.left != 0 {
+                self.look_at_each([first, number], through.left);
+            }
+        }
     }
 
     /// Where a pixel of the sector is in the picture.
@@ -292,6 +341,7 @@ struct Ahead<'a> {
     /// Colors and depths, sixteen at a time.
     colors: [Sixteen<u32>; AHEAD],
     depths: [Sixteen<f32>; AHEAD],
+    through: [Through; AHEAD],
     count: usize,
     tasks: [Task<'a>; TASKS],
     task_count: usize,
@@ -310,6 +360,7 @@ impl<'a> Ahead<'a> {
     const NONE: Self = Self {
         colors: [[0; LANES]; AHEAD],
         depths: [[0.0; LANES]; AHEAD],
+        through: [Through { filled: 0, left: 0 }; AHEAD],
         count: 0,
         tasks: [Task { number: 0, mine: 0, taps: Taps::NONE }; TASKS],
         task_count: 0,
@@ -327,6 +378,7 @@ impl<'a> Ahead<'a> {
         let number = self.count.min(AHEAD - 1);
         self.count = number + 1;
         self.colors[number] = [color; LANES];
+        self.through[number] = Through::default();
         number
     }
 
@@ -354,5 +406,17 @@ impl<'a> Ahead<'a> {
             simd.store_words(colors, color);
         }
         self.task_count = 0;
+    }
+
+    /// Marks pixels whose ground was filled.
+    #[inline(always)]
+    fn mark(&mut self) {
+        for (through, colors) in self.through[..self.count].iter().zip(&mut self.colors) {
+            let mut filled = through.filled;
+            while filled != 0 {
+                colors[filled.trailing_zeros() as usize % LANES] &= !MARK;
+                filled &= filled - 1;
+            }
+        }
     }
 }

@@ -15,10 +15,10 @@ const LEAST_DEPTH: f32 = 1e-3;
 
 /// Straight ground between two steps, in the picture: rows of its ends, and one over their depth.
 #[derive(Clone, Copy)]
-struct Stretch<S: Simd> {
-    row_before: S::Floats,
+pub(super) struct Stretch<S: Simd> {
+    pub(super) row_before: S::Floats,
     seen_before: S::Floats,
-    row: S::Floats,
+    pub(super) row: S::Floats,
     seen: S::Floats,
 }
 
@@ -43,15 +43,17 @@ impl<S: Simd> Tracer<'_, S> {
         first: usize,
     ) {
         let simd = self.simd;
-        let stretch = self.stretch(state, points, seen);
-        let by = stretch.row - stretch.row_before;
-        let by =
-            if IS_UP { simd.larger(by, simd.floats(LEAST_ROWS)) } else { simd.smaller(by, simd.floats(-LEAST_ROWS)) };
-        let per_row = (stretch.seen - stretch.seen_before) / by;
-        let half = simd.floats(0.5);
-        let base = stretch.seen_before + (half - stretch.row_before) * per_row;
-        let [lowest, highest] = [simd.floats(self.rows[0]), simd.floats(self.rows[1])];
-        let end = simd.floor(simd.smaller(simd.larger(stretch.row + half, lowest), highest));
+        let last = &state.last;
+        // Behind a gap the ground begins with a wall.
+        let is_gap = simd.at_most(last.slope, simd.floats(NO_SLOPE));
+        let before = Points {
+            slope: simd.select(is_gap, state.horizon, last.slope),
+            rise: last.rise,
+            nearness: simd.select(is_gap, points.nearness, last.nearness),
+        };
+        let stretch = self.stretch(&before, points, seen);
+        let [base, per_row] = self.straight::<IS_UP>(&stretch);
+        let end = self.row_behind(stretch.row);
         let [from, to] = if IS_UP { [state.next, end] } else { [end, state.next] };
         let filled = seen & simd.less(from, to);
         if IS_UP && self.finds_edges {
@@ -61,7 +63,11 @@ impl<S: Simd> Tracer<'_, S> {
             // Of planes that see nothing there are no rows.
             let low = simd.select(filled, from, simd.floats(f32::INFINITY));
             let high = simd.select(filled, to, simd.floats(f32::NEG_INFINITY));
-            strip.fill(simd, first, &Rows { low, high, base, per_row });
+            let rows = Rows { low, high, base, per_row };
+            strip.fill(simd, first, &rows);
+            if simd.any(is_gap) {
+                strip.put_gap(simd, &rows, is_gap);
+            }
             state.next = simd.select(filled, end, state.next);
         }
         state.horizon = simd.select(seen, points.slope, state.horizon);
@@ -97,23 +103,34 @@ impl<S: Simd> Tracer<'_, S> {
         };
     }
 
-    /// Between the last points and these.
+    /// Between points before and these. `seen`: which of these are looked at.
     #[inline(always)]
-    fn stretch(&self, state: &State<S>, points: &Points<S>, seen: S::Mask) -> Stretch<S> {
-        let (simd, last) = (self.simd, &state.last);
-        // Behind a gap the ground begins with a wall.
-        let is_gap = simd.at_most(last.slope, simd.floats(NO_SLOPE));
-        let before = Points {
-            slope: simd.select(is_gap, state.horizon, last.slope),
-            rise: last.rise,
-            nearness: simd.select(is_gap, points.nearness, last.nearness),
-        };
-        let (end, begin) = (self.place(points), self.place(&before));
+    pub(super) fn stretch(&self, before: &Points<S>, points: &Points<S>, seen: S::Mask) -> Stretch<S> {
+        let (end, begin) = (self.place(points), self.place(before));
         let stretch = Stretch { row_before: begin.row, seen_before: begin.seen, row: end.row, seen: end.seen };
-        if simd.any(seen & (end.is_far | begin.is_far)) {
-            return self.clip(stretch, &before, points);
+        if self.simd.any(seen & (end.is_far | begin.is_far)) {
+            return self.clip(stretch, before, points);
         }
         stretch
+    }
+
+    /// One over depth along a stretch, at the middle of row 0, and its change from row to row.
+    #[inline(always)]
+    pub(super) fn straight<const IS_UP: bool>(&self, stretch: &Stretch<S>) -> [S::Floats; 2] {
+        let simd = self.simd;
+        let by = stretch.row - stretch.row_before;
+        let by =
+            if IS_UP { simd.larger(by, simd.floats(LEAST_ROWS)) } else { simd.smaller(by, simd.floats(-LEAST_ROWS)) };
+        let per_row = (stretch.seen - stretch.seen_before) / by;
+        [stretch.seen_before + (simd.floats(0.5) - stretch.row_before) * per_row, per_row]
+    }
+
+    /// The first row of the picture whose middle is above a point of it.
+    #[inline(always)]
+    pub(super) fn row_behind(&self, row: S::Floats) -> S::Floats {
+        let simd = self.simd;
+        let [lowest, highest] = [simd.floats(self.rows[0]), simd.floats(self.rows[1])];
+        simd.floor(simd.smaller(simd.larger(row + simd.floats(0.5), lowest), highest))
     }
 
     /// Where points are in the picture.

@@ -3,12 +3,15 @@
 use crate::model::color::ColorLayout;
 use crate::shade::{Canvas, OPAQUE_BLACK};
 use glam::Vec2;
-use terravision_common::simd::{LANES, Simd, Sixteen};
+use terravision_common::simd::{LANES, Simd, Sixteen, prefetch};
 
 /// Two channels of a texel.
 const TWO: u32 = 0x00ff_00ff;
 /// Taps are at most this many texels from the middle.
 const FURTHEST_TAP: f32 = 4.0;
+/// Texels are prefetched for one of this number of pixels: neighbors mostly share its lines of
+/// memory.
+const PREFETCHED: usize = 2;
 /// What a number that three divides is multiplied with to divide it by three, of 32 bits.
 const THIRD: u32 = 0xaaaa_aaab;
 
@@ -90,9 +93,10 @@ impl<'a> TilePaint<'a> {
         simd.bits(above & below)
     }
 
-    /// Where pixels take their colors from.
+    /// Where the pixels of `mine`, a bit of each, take their colors from; texels are fetched from now
+    /// on.
     #[inline(always)]
-    pub(super) fn taps<S: Simd>(&self, simd: S, points: &Points<S>, has_two: bool, taps: &mut Taps<'a>) {
+    pub(super) fn taps<S: Simd>(&self, simd: S, points: &Points<S>, mine: u32, has_two: bool, taps: &mut Taps<'a>) {
         let per_m = simd.floats(self.per_m);
         // log2 of the width, rounded: half of that of the square.
         let doubled = simd.larger(simd.floats(2.0) * points.squared_m * per_m * per_m, simd.floats(1.0));
@@ -112,38 +116,53 @@ impl<'a> TilePaint<'a> {
         };
         taps.layer = self.layer;
         taps.has_two = has_two;
-        simd.store_words(side, &mut taps.side);
         if !has_two {
-            return mip.tap(simd, [u, v], &mut taps.of[0]);
+            mip.tap(simd, [u, v], &mut taps.of[0]);
+            return taps.of[0].fetch(self.layer, mine);
         }
         let (near, furthest) = (simd.floats(-FURTHEST_TAP), simd.floats(FURTHEST_TAP));
         let x = simd.smaller(simd.larger(points.reach_east * scale, near), furthest);
         let y = simd.smaller(simd.larger(points.reach_north * scale, near), furthest);
         mip.tap(simd, [u + x, v - y], &mut taps.of[0]);
         mip.tap(simd, [u - x, v + y], &mut taps.of[1]);
+        // The further one: the row below, which has been drawn before, has had the nearer one fetched.
+        taps.of[1].fetch(self.layer, mine);
     }
 }
 
 /// Where pixels beside each other take their colors from: one place between four texels, or two.
 ///
-/// Places are worked out some pixels ahead of the colors, so that a processor fetches texels of
-/// many pixels from memory at a time.
+/// Places are worked out some pixels ahead of the colors, so that texels of many pixels are fetched
+/// from memory at a time.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Taps<'a> {
     layer: &'a [u8],
     has_two: bool,
-    /// Texels from row to row.
-    side: Sixteen<u32>,
     of: [Tap; 2],
 }
 
-/// A place: the north western texel of four, and the shares of the eastern and southern ones, in
-/// 256ths for each of two channels.
+/// A place: the north western and the south western texel of four, and the shares of the eastern and
+/// southern ones, in 256ths for each of two channels.
 #[derive(Debug, Clone, Copy)]
 struct Tap {
-    at: Sixteen<u32>,
+    rows: [Sixteen<u32>; 2],
     east: Sixteen<u32>,
     south: Sixteen<u32>,
+}
+
+impl Tap {
+    const NONE: Self = Self { rows: [[0; LANES]; 2], east: [0; LANES], south: [0; LANES] };
+
+    /// Has texels of the pixels of `mine` fetched from memory.
+    #[inline(always)]
+    fn fetch(&self, layer: &[u8], mine: u32) {
+        for k in (PREFETCHED / 2..LANES).step_by(PREFETCHED) {
+            if mine >> k & 1 != 0 {
+                prefetch(layer, 4 * self.rows[0][k] as usize);
+                prefetch(layer, 4 * self.rows[1][k] as usize);
+            }
+        }
+    }
 }
 
 impl<S: Simd> Mip<S> {
@@ -155,7 +174,8 @@ impl<S: Simd> Mip<S> {
         let j = simd.index(simd.smaller(simd.larger(v, zero), self.end) * parts);
         let at = self.before + simd.shift_right::<8>(j) * self.side + simd.shift_right::<8>(i);
         let (part, twice) = (simd.words(0xff), simd.words(0x0001_0001));
-        simd.store_words(at, &mut tap.at);
+        simd.store_words(at, &mut tap.rows[0]);
+        simd.store_words(at + self.side, &mut tap.rows[1]);
         simd.store_words((i & part) * twice, &mut tap.east);
         simd.store_words((j & part) * twice, &mut tap.south);
     }
@@ -163,12 +183,7 @@ impl<S: Simd> Mip<S> {
 
 impl Taps<'_> {
     /// Of no pixel.
-    pub(super) const NONE: Self = Self {
-        layer: &[],
-        has_two: false,
-        side: [0; LANES],
-        of: [Tap { at: [0; LANES], east: [0; LANES], south: [0; LANES] }; 2],
-    };
+    pub(super) const NONE: Self = Self { layer: &[], has_two: false, of: [Tap::NONE; 2] };
 
     /// The colors.
     #[inline(always)]
@@ -186,9 +201,8 @@ impl Taps<'_> {
     /// Colors between four texels.
     #[inline(always)]
     fn color<S: Simd>(&self, simd: S, tap: &Tap) -> S::Words {
-        let at = simd.load_words(&tap.at);
-        let [nw, ne] = simd.texel_pairs(self.layer, at);
-        let [sw, se] = simd.texel_pairs(self.layer, at + simd.load_words(&self.side));
+        let [nw, ne] = simd.texel_pairs(self.layer, simd.load_words(&tap.rows[0]));
+        let [sw, se] = simd.texel_pairs(self.layer, simd.load_words(&tap.rows[1]));
         let (east, south) = (simd.load_words(&tap.east), simd.load_words(&tap.south));
         let upper = mix_channels(simd, [nw, ne], east);
         let lower = mix_channels(simd, [sw, se], east);

@@ -26,7 +26,7 @@ use terravision_common::simd::{LANES, Simd, Sixteen};
 
 const _: () = assert!(NOTHING == NO_SLOPE, "where no height is there is no slope");
 /// Steps that are looked at together: hidden ones are left out together. Many first, then few.
-const GROUPS: [usize; 2] = [64, 8];
+pub(super) const GROUPS: [usize; 2] = [64, 8];
 /// Bits of all planes.
 const ALL: u32 = (1 << LANES) - 1;
 /// The slope of a point where no ground is.
@@ -37,10 +37,10 @@ pub(super) const NO_ROW: f32 = f32::NEG_INFINITY;
 /// What is swept, and where to.
 pub(super) struct Tracer<'a, S> {
     pub(super) simd: S,
-    scene: &'a Scene<'a>,
-    fan: &'a Fan,
+    pub(super) scene: &'a Scene<'a>,
+    pub(super) fan: &'a Fan,
     pub(super) block: &'a Block,
-    heights: Heights<'a>,
+    pub(super) heights: Heights<'a>,
     /// Of slopes: pixels of height and metres of depth on the plane of depth 1.
     pub(super) per_slope: [f32; 2],
     pub(super) focal_px: f32,
@@ -161,11 +161,9 @@ impl<'a, S: Simd> Tracer<'a, S> {
             last: Points { slope: simd.floats(NO_SLOPE), rise: zero, nearness: zero },
             crest: Crest::none(simd),
         };
-        strip.edges.clear(first);
+        strip.begin(first);
         if let Some(begin) = self.fan.steps.first() {
-            // How high the ground is there, by which its level is chosen, is not known before.
-            state.last = self.points(begin, zero);
-            state.last = self.points(begin, state.last.rise);
+            state.last = self.first_points(begin);
             state = self.begin(state, strip, first);
             self.sweep(&mut state, strip, first);
         }
@@ -192,7 +190,7 @@ impl<'a, S: Simd> Tracer<'a, S> {
     /// Points of the planes at a step: no nearer than where the ground begins, no further than its
     /// border. Levels are those of ground as far above the eye as `rise`, that of the step before.
     #[inline(always)]
-    fn points(&mut self, step: &Step, rise: S::Floats) -> Points<S> {
+    pub(super) fn points(&mut self, step: &Step, rise: S::Floats) -> Points<S> {
         let (simd, block) = (self.simd, self.block);
         let at_step = simd.floats(step.distance);
         let distance = simd.smaller(simd.larger(at_step, simd.load(&block.begin)), simd.load(&block.end));
@@ -210,6 +208,14 @@ impl<'a, S: Simd> Tracer<'a, S> {
         self.samples = self.samples.wrapping_add(LANES as u64);
         let is_ground = simd.less(simd.floats(NO_SLOPE), above);
         Points { slope: above * nearness, rise: simd.select(is_ground, above, rise), nearness }
+    }
+
+    /// Points of a step that is the first one.
+    #[inline(always)]
+    pub(super) fn first_points(&mut self, step: &Step) -> Points<S> {
+        // How high the ground is there, by which its level is chosen, is not known before.
+        let points = self.points(step, self.simd.floats(0.0));
+        self.points(step, points.rise)
     }
 
     /// What is seen before the first step.
@@ -306,7 +312,7 @@ impl<'a, S: Simd> Tracer<'a, S> {
 
     /// Where the next steps end that rise above no slope, if there are.
     #[inline(never)]
-    fn end_of_hidden(&self, at: usize, lowest: f32, many_rise_until: &mut usize) -> Option<usize> {
+    pub(super) fn end_of_hidden(&self, at: usize, lowest: f32, many_rise_until: &mut usize) -> Option<usize> {
         let [many, few] = GROUPS.map(|group| self.fan.steps.len().min(at + group));
         if at >= *many_rise_until {
             if self.is_hidden(at, many, lowest) {
@@ -342,7 +348,7 @@ impl<'a, S: Simd> Tracer<'a, S> {
 
     /// Whether no ground from a step on rises above a slope.
     #[inline(always)]
-    fn is_all_below(&self, at: usize, slope: f32) -> bool {
+    pub(super) fn is_all_below(&self, at: usize, slope: f32) -> bool {
         let highest = self.scene.highest;
         let (nearest, furthest) = (&self.fan.steps[at - 1], &self.fan.steps[self.fan.steps.len() - 1]);
         highest * if highest > 0.0 { nearest.nearness } else { furthest.nearness } <= slope

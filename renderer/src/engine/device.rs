@@ -18,6 +18,7 @@ use std::time::Duration;
 use terravision_common::event::monotonic_nanos;
 use terravision_common::rig::PictureLayout;
 use terravision_common::run::TechniqueChoice;
+use terravision_common::world::World;
 
 /// Frames in flight for a device when `asked` for this many, 0 for as many as suit it. A device
 /// that is the processor itself gains nothing from a second frame, and then finishes both at the
@@ -48,6 +49,8 @@ pub struct DeviceEngine {
     target: Target,
     starts: Vec<u32>,
     array_values: usize,
+    most_draws: usize,
+    world: World,
     options: EngineOptions,
     device: Arc<Device>,
 }
@@ -94,7 +97,9 @@ impl DeviceEngine {
             color_tile_side: world.color_stored(),
             texels: shape.texels,
         };
-        let instance = Instance::new(options.has_validation)?;
+        let shows = options.pixels.either;
+        let instance =
+            if shows { Instance::for_windows(options.has_validation) } else { Instance::new(options.has_validation) }?;
         let device = Device::new(&instance, &options.device, &needs)?;
         if let Some(at) = options.lose_device_at {
             device.lose_at(at);
@@ -107,19 +112,9 @@ impl DeviceEngine {
         let colors = ColorPool::new(&device, tiles, shape.texels, filtering, shared.as_ref(), slot_count)?;
         let shared = source.elevation_memory();
         let elevation = Elevation::new(&device, options.elevation_path, shared.as_ref(), slot_count)?;
-        let has_overlay = options.has_tree_overlay;
         let most_draws = views.count * parts.techniques.len();
-        let technique = |choice: &TechniqueChoice| -> Result<Box<dyn Technique>, EngineError> {
-            Ok(match choice {
-                TechniqueChoice::Rays => {
-                    Box::new(ComputeRays::new(&colors, &target, &world, has_overlay, [slot_count, most_draws])?)
-                }
-                TechniqueChoice::Mesh => {
-                    Box::new(MeshTechnique::new(&colors, &target, &world, has_overlay, slot_count)?)
-                }
-            })
-        };
-        let techniques = distinct.iter().map(technique).collect::<Result<Vec<_>, _>>()?;
+        let of_techniques = Ingredients { world: &world, colors: &colors, target: &target };
+        let techniques = of_techniques.all(&distinct, options.has_tree_overlay, [slot_count, most_draws])?;
         let of_part = |part: &TechniqueChoice| distinct.iter().position(|technique| technique == part);
         let of_part = parts.techniques.iter().filter_map(of_part).collect();
         let slots = (0..slot_count).map(|index| FrameSlot::new(&device, index)).collect::<Result<_, _>>()?;
@@ -136,6 +131,8 @@ impl DeviceEngine {
             target,
             starts: Vec::with_capacity(starts_capacity(&shape)),
             array_values: world.elevation_values(),
+            most_draws,
+            world,
             options,
             device,
         })
@@ -171,11 +168,17 @@ impl DeviceEngine {
     fn new_outputs(&self) -> Result<Outputs, EngineError> {
         let EngineOptions { size, has_depth, pixels, .. } = self.options;
         let readback = || Readback::new(&self.device, size, has_depth);
-        let picture = || DevicePicture::new(&self.device, PictureLayout::whole(size));
-        Ok(Outputs {
-            readback: if pixels.host { Some(readback()?) } else { None },
-            picture: if pixels.device { Some(picture()?) } else { None },
-        })
+        let picture = |size| DevicePicture::new(&self.device, PictureLayout::whole(size));
+        let has_choice = pixels.has_choice() && self.device.can_show();
+        Ok(Outputs::new(
+            if pixels.may_be_host() { Some(readback()?) } else { None },
+            match pixels.device {
+                true => Some(picture(size)?),
+                // As large as its first frame when that comes.
+                false if has_choice => Some(picture([1; 2])?),
+                false => None,
+            },
+        ))
     }
 }
 
@@ -235,7 +238,7 @@ impl Engine for DeviceEngine {
         };
         for (index, view) in frame.views.iter().enumerate() {
             recording.begin_pieces();
-            target.begin_picture(&mut recording, view.size(), options.sky_rgb);
+            target.begin_picture(&mut recording, view.size(), options.sky_rgba());
             draw_view(&mut recording, index, false);
             target.end(&mut recording);
             if target.has_depth_pass() {
@@ -268,8 +271,49 @@ impl Engine for DeviceEngine {
         Ok(Some(in_flight.finish_on_device(&times, Pixels::Device(outputs))))
     }
 
+    fn set_tree_overlay(&mut self, has_overlay: bool) -> Result<(), EngineError> {
+        if self.options.has_tree_overlay == has_overlay {
+            return Ok(());
+        }
+        self.options.has_tree_overlay = has_overlay;
+        let Self { world, colors, target, .. } = self;
+        let slots_and_draws = [self.slots.len(), self.most_draws];
+        let ingredients = Ingredients { world, colors, target };
+        // What frames in flight use waits for them before it goes.
+        self.techniques = ingredients.all(&self.parts.distinct(), has_overlay, slots_and_draws)?;
+        Ok(())
+    }
+
     fn check_validation(&self) -> Result<(), EngineError> {
         Ok(self.device.instance().check_validation()?)
+    }
+}
+
+/// What techniques are made of.
+struct Ingredients<'a> {
+    world: &'a World,
+    colors: &'a ColorPool,
+    target: &'a Target,
+}
+
+impl Ingredients<'_> {
+    /// These techniques, with outlines of the tree's leaves or without.
+    fn all(
+        &self,
+        choices: &[TechniqueChoice],
+        has_overlay: bool,
+        [slots, draws]: [usize; 2],
+    ) -> Result<Vec<Box<dyn Technique>>, EngineError> {
+        let Self { world, colors, target } = self;
+        let technique = |choice: &TechniqueChoice| -> Result<Box<dyn Technique>, EngineError> {
+            Ok(match choice {
+                TechniqueChoice::Rays => {
+                    Box::new(ComputeRays::new(colors, target, world, has_overlay, [slots, draws])?)
+                }
+                TechniqueChoice::Mesh => Box::new(MeshTechnique::new(colors, target, world, has_overlay, slots)?),
+            })
+        };
+        choices.iter().map(technique).collect()
     }
 }
 

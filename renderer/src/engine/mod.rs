@@ -78,6 +78,12 @@ pub trait Engine: Debug {
     /// stretches in order, from the south or west.
     fn edge(&mut self, _camera: &Camera, _pools: &dyn Pools, _side: usize, _put: &mut dyn FnMut(EdgeStretch)) {}
 
+    /// Whether frames from now on have outlines of the tree's colour leaves.
+    ///
+    /// # Errors
+    /// The device failed.
+    fn set_tree_overlay(&mut self, has_overlay: bool) -> Result<(), EngineError>;
+
     /// Whether the validation layer has been silent, where there is one.
     ///
     /// # Errors

@@ -30,6 +30,8 @@ pub struct EngineOptions {
     pub exaggeration: f64,
     /// Colour of the sky.
     pub sky_rgb: [u8; 3],
+    /// Air is laid over pictures ([`mod@crate::air`]): the sky is left black, with an alpha of 0.
+    pub has_air: bool,
     /// Height of the world's lowest ground as it is drawn, where it has a skirt down to it; `None`
     /// for no skirt.
     pub skirt_low_m: Option<f64>,
@@ -65,6 +67,12 @@ impl EngineOptions {
         self.views.unwrap_or(ViewBounds { size: self.size, count: 1 })
     }
 
+    /// What pixels are where no ground is, RGBA.
+    pub(crate) fn sky_rgba(&self) -> [u8; 4] {
+        let [r, g, b] = self.sky_rgb;
+        if self.has_air { [0; 4] } else { [r, g, b, 255] }
+    }
+
     /// Whether a device casts rays.
     pub(super) fn is_compute(&self) -> bool {
         self.technique == TechniqueChoice::Rays && self.rays == RaysChoice::Compute
@@ -98,6 +106,7 @@ impl Default for EngineOptions {
             samples: 1,
             exaggeration: 1.0,
             sky_rgb: [150, 190, 235],
+            has_air: false,
             skirt_low_m: None,
             has_tree_overlay: false,
             has_validation: false,

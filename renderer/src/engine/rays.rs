@@ -201,7 +201,7 @@ impl Engine for RaysEngine {
     fn submit(&mut self, frame: &Frame, pools: &mut dyn Pools, pixels: Pixels) -> Result<Submitted, EngineError> {
         let started_nanos = monotonic_nanos();
         let mut raster = self.raster_of(pixels);
-        if self.options.pixels.host {
+        if self.options.pixels.may_be_host() {
             raster.lay_out(frame.layout());
             self.picture.take_colors(std::mem::take(&mut raster.rgba));
         }
@@ -219,6 +219,11 @@ impl Engine for RaysEngine {
 
     fn poll(&mut self, _timeout: Duration) -> Result<Option<Finished>, EngineError> {
         Ok(self.finished.take())
+    }
+
+    fn set_tree_overlay(&mut self, has_overlay: bool) -> Result<(), EngineError> {
+        self.options.has_tree_overlay = has_overlay;
+        Ok(())
     }
 
     fn edge(&mut self, camera: &Camera, pools: &dyn Pools, side: usize, put: &mut dyn FnMut(EdgeStretch)) {
@@ -264,11 +269,13 @@ impl RaysEngine {
             voxel_px: 1.0,
         };
         self.detail = SweepDetail::for_facets(frame.marker.r_z_px as f32);
+        let [r, g, b, sky_alpha] = self.options.sky_rgba();
         let options = CastOptions {
             method,
             sampling,
             sweep: self.detail,
-            sky_rgb: self.options.sky_rgb,
+            sky_rgb: [r, g, b],
+            sky_alpha,
             has_undersides: self.has_holes,
             ..CastOptions::default()
         };
@@ -370,7 +377,7 @@ impl RaysEngine {
 
     /// Gives the picture to sinks: its colours as they are, depth as they read it.
     fn hand_over(&mut self, frame: &Frame, mut raster: Raster) -> Pixels {
-        if self.options.pixels.host {
+        if self.options.pixels.may_be_host() {
             raster.rgba = self.picture.give_colors();
             let size = raster.size();
             if let Some(depths) = &mut raster.reversed_depth {

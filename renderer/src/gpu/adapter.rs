@@ -5,7 +5,7 @@ use super::device::DeviceChoice;
 use super::error::{During, GpuError};
 use super::instance::Instance;
 use super::requirements::{Capabilities, DeviceKind, Needs, missing_of};
-use ash::{ext, vk};
+use ash::{ext, khr, vk};
 use serde::Serialize;
 use std::ffi::CStr;
 use terravision_common::texels::TexelFormat;
@@ -101,8 +101,8 @@ fn capabilities_of(instance: &Instance, device: vk::PhysicalDevice) -> Result<Ca
     // SAFETY: `device` comes from this instance (likewise in the next calls).
     let extensions =
         unsafe { raw.enumerate_device_extension_properties(device) }.during("listing device extensions")?;
-    let has_import =
-        extensions.iter().any(|found| found.extension_name_as_c_str() == Ok(ext::external_memory_host::NAME));
+    let has = |name: &CStr| extensions.iter().any(|found| found.extension_name_as_c_str() == Ok(name));
+    let has_import = has(ext::external_memory_host::NAME);
     // SAFETY: as above; the plain query is valid for every version of Vulkan.
     let basic = unsafe { raw.get_physical_device_properties(device) };
     let api_version = [vk::api_version_major(basic.api_version), vk::api_version_minor(basic.api_version)];
@@ -173,6 +173,7 @@ fn capabilities_of(instance: &Instance, device: vk::PhysicalDevice) -> Result<Ca
         max_anisotropy: if features.sampler_anisotropy == vk::TRUE { limits.max_sampler_anisotropy } else { 1.0 },
         host_import_alignment: has_import.then_some(import.min_imported_host_pointer_alignment),
         timestamp_period_nanos: family.filter(|(_, bits)| *bits == 64).map(|_| limits.timestamp_period.into()),
+        has_swapchain: has(khr::swapchain::NAME),
     })
 }
 
@@ -214,6 +215,7 @@ mod tests {
             max_anisotropy: 16.0,
             host_import_alignment: Some(4096),
             timestamp_period_nanos: Some(1.0),
+            has_swapchain: true,
         }
     }
 

@@ -24,6 +24,15 @@ pub(super) enum Access {
     CopySource,
     /// Target of a copy.
     CopyTarget,
+    /// Source of a copy that may stretch.
+    #[cfg(feature = "window")]
+    BlitSource,
+    /// Target of a copy that may stretch.
+    #[cfg(feature = "window")]
+    BlitTarget,
+    /// Shown in a window.
+    #[cfg(feature = "window")]
+    Presented,
     /// Target of a clear outside of rendering.
     Cleared,
     /// Read by the processor, after the timeline has been waited for.
@@ -54,6 +63,13 @@ impl Access {
             Self::ReadByFragments => (S::FRAGMENT_SHADER, A::SHADER_STORAGE_READ, L::UNDEFINED),
             Self::CopySource => (S::COPY, A::TRANSFER_READ, L::TRANSFER_SRC_OPTIMAL),
             Self::CopyTarget => (S::COPY, A::TRANSFER_WRITE, L::TRANSFER_DST_OPTIMAL),
+            #[cfg(feature = "window")]
+            Self::BlitSource => (S::BLIT, A::TRANSFER_READ, L::TRANSFER_SRC_OPTIMAL),
+            #[cfg(feature = "window")]
+            Self::BlitTarget => (S::BLIT, A::TRANSFER_WRITE, L::TRANSFER_DST_OPTIMAL),
+            #[cfg(feature = "window")]
+            // The semaphore that is signaled next makes it visible.
+            Self::Presented => (S::NONE, A::NONE, L::PRESENT_SRC_KHR),
             Self::Cleared => (S::CLEAR, A::TRANSFER_WRITE, L::TRANSFER_DST_OPTIMAL),
             Self::HostRead => (S::HOST, A::HOST_READ, L::UNDEFINED),
         }
@@ -93,6 +109,22 @@ pub(super) unsafe fn image(
     previous: Access,
     next: Access,
 ) {
+    let aspect = image.shape().aspect;
+    // SAFETY: the caller's promise.
+    unsafe { raw_image(device, commands, (image.raw(), aspect), previous, next) };
+}
+
+/// Likewise an image that is not ours, with its aspect.
+///
+/// # Safety
+/// * As for [`image()`].
+pub(super) unsafe fn raw_image(
+    device: &Device,
+    commands: vk::CommandBuffer,
+    (image, aspect): (vk::Image, vk::ImageAspectFlags),
+    previous: Access,
+    next: Access,
+) {
     let (from_stage, from_access, from_layout) = previous.masks();
     let (to_stage, to_access, to_layout) = next.masks();
     let barriers = [vk::ImageMemoryBarrier2::default()
@@ -104,8 +136,8 @@ pub(super) unsafe fn image(
         .new_layout(to_layout)
         .src_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
         .dst_queue_family_index(vk::QUEUE_FAMILY_IGNORED)
-        .image(image.raw())
-        .subresource_range(whole(image.shape().aspect))];
+        .image(image)
+        .subresource_range(whole(aspect))];
     let info = vk::DependencyInfo::default().image_memory_barriers(&barriers);
     // SAFETY: the caller's promise; the structures live until the end of the call.
     unsafe { device.raw().cmd_pipeline_barrier2(commands, &info) };

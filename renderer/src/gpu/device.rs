@@ -4,7 +4,7 @@ use super::adapter;
 use super::error::{During, GpuError};
 use super::instance::Instance;
 use super::requirements::{Capabilities, Missing, Needs, missing_of};
-use ash::{ext, vk};
+use ash::{ext, khr, vk};
 use std::ffi::CString;
 use std::fmt;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -60,6 +60,10 @@ pub struct Device {
     /// Value of the last submit; the lock also guards the queue.
     queue: Mutex<(vk::Queue, u64)>,
     queue_family: u32,
+    #[cfg(feature = "window")]
+    physical: vk::PhysicalDevice,
+    /// Whether the swapchain's functions may be used.
+    can_show: bool,
     capabilities: Capabilities,
     memory: vk::PhysicalDeviceMemoryProperties,
     names: Option<ext::debug_utils::Device>,
@@ -92,7 +96,8 @@ impl Device {
             let missing = vec![Missing::Feature("a graphics queue")];
             return Err(GpuError::Unsuitable { device: capabilities.name, missing });
         };
-        let raw = open(instance, physical, queue_family, &capabilities)?;
+        let can_show = instance.has_surfaces() && capabilities.has_swapchain;
+        let raw = open(instance, physical, queue_family, &capabilities, can_show)?;
         // SAFETY: the queue was asked for at creation.
         let queue = unsafe { raw.functions.get_device_queue(queue_family, 0) };
         // SAFETY: `physical` comes from this instance.
@@ -112,6 +117,9 @@ impl Device {
             timeline,
             queue: Mutex::new((queue, 0)),
             queue_family,
+            #[cfg(feature = "window")]
+            physical,
+            can_show,
             capabilities,
             memory,
             names,
@@ -142,6 +150,17 @@ impl Device {
 
     pub(super) fn queue_family(&self) -> u32 {
         self.queue_family
+    }
+
+    /// Whether it can show pictures in windows: only where its instance was made for that.
+    #[must_use]
+    pub fn can_show(&self) -> bool {
+        self.can_show
+    }
+
+    #[cfg(feature = "window")]
+    pub(super) fn physical(&self) -> vk::PhysicalDevice {
+        self.physical
     }
 
     /// Gives an object a name for messages and debuggers.
@@ -192,12 +211,20 @@ impl Device {
         (result == vk::Result::SUCCESS && properties.memory_type_bits != 0).then_some(properties.memory_type_bits)
     }
 
-    /// Submits a command buffer; its value is reached when the GPU is done with it.
+    /// Submits a command buffer; its value is reached when the GPU is done with it. Not before one
+    /// semaphore is signaled, where there is one, and signals another one in the end.
     ///
     /// # Safety
     /// * The command buffer is of this device, complete, and not pending.
     /// * All that it names stays alive and untouched by the processor until the value is reached.
-    pub(super) unsafe fn submit(&self, commands: vk::CommandBuffer) -> Result<SubmitValue, GpuError> {
+    /// * The first semaphore is signaled, or about to be; nothing else waits for it.
+    /// * The second is neither signaled nor about to be.
+    pub(super) unsafe fn submit(
+        &self,
+        commands: vk::CommandBuffer,
+        after: Option<vk::Semaphore>,
+        before: Option<vk::Semaphore>,
+    ) -> Result<SubmitValue, GpuError> {
         let mut queue = self.queue.lock().unwrap_or_else(PoisonError::into_inner);
         let value = queue.1 + 1;
         if value >= self.lost_at.load(Ordering::Relaxed) {
@@ -206,16 +233,29 @@ impl Device {
             return Err(self.failure("submitting a frame", vk::Result::ERROR_DEVICE_LOST));
         }
         let buffers = [vk::CommandBufferSubmitInfo::default().command_buffer(commands)];
-        let signals = [vk::SemaphoreSubmitInfo::default()
-            .semaphore(self.timeline)
-            .value(value)
-            .stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)];
-        let submit = vk::SubmitInfo2::default().command_buffer_infos(&buffers).signal_semaphore_infos(&signals);
+        let at_all = |semaphore: vk::Semaphore, value: u64| {
+            let info = vk::SemaphoreSubmitInfo::default().semaphore(semaphore).value(value);
+            info.stage_mask(vk::PipelineStageFlags2::ALL_COMMANDS)
+        };
+        let waits = after.map(|semaphore| at_all(semaphore, 0));
+        let signals = [at_all(self.timeline, value), at_all(before.unwrap_or_default(), 0)];
+        let signals = if before.is_some() { &signals[..] } else { &signals[..1] };
+        let submit = vk::SubmitInfo2::default()
+            .wait_semaphore_infos(waits.as_slice())
+            .command_buffer_infos(&buffers)
+            .signal_semaphore_infos(signals);
         // SAFETY: the lock makes this the only user of the queue; the rest is the caller's promise.
         unsafe { self.raw().queue_submit2(queue.0, &[submit], vk::Fence::null()) }
             .map_err(|result| self.failure("submitting a frame", result))?;
         queue.1 = value;
         Ok(SubmitValue(value))
+    }
+
+    /// Uses the queue for something else than a submit: nobody else does meanwhile.
+    #[cfg(feature = "window")]
+    pub(super) fn with_queue<T>(&self, work: impl FnOnce(vk::Queue) -> T) -> T {
+        let queue = self.queue.lock().unwrap_or_else(PoisonError::into_inner);
+        work(queue.0)
     }
 
     /// Waits until `value` is reached, `timeout` at most; whether it was.
@@ -284,6 +324,7 @@ fn open(
     physical: vk::PhysicalDevice,
     queue_family: u32,
     capabilities: &Capabilities,
+    can_show: bool,
 ) -> Result<RawDevice, GpuError> {
     let priorities = [1.0];
     let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(queue_family).queue_priorities(&priorities)];
@@ -293,15 +334,15 @@ fn open(
         .texture_compression_bc(capabilities.has_block_compression);
     let mut features12 = vk::PhysicalDeviceVulkan12Features::default().timeline_semaphore(true);
     let mut features13 = vk::PhysicalDeviceVulkan13Features::default().dynamic_rendering(true).synchronization2(true);
-    let import = [ext::external_memory_host::NAME.as_ptr()];
-    let mut info = vk::DeviceCreateInfo::default()
+    let import = capabilities.host_import_alignment.map(|_| ext::external_memory_host::NAME.as_ptr());
+    let show = can_show.then(|| khr::swapchain::NAME.as_ptr());
+    let extensions: Vec<_> = import.into_iter().chain(show).collect();
+    let info = vk::DeviceCreateInfo::default()
         .queue_create_infos(&queues)
+        .enabled_extension_names(&extensions)
         .enabled_features(&basic)
         .push_next(&mut features12)
         .push_next(&mut features13);
-    if capabilities.host_import_alignment.is_some() {
-        info = info.enabled_extension_names(&import);
-    }
     // SAFETY: features and extensions are those that `capabilities` found; all pointers live until
     // the end of the call.
     let functions =

@@ -75,6 +75,12 @@ pub enum GpuError {
         /// How many are possible.
         limit: u64,
     },
+    /// Nothing can be shown in a window.
+    #[error("nothing can be shown in the window: {reason}")]
+    Unshowable {
+        /// Why, a clause.
+        reason: String,
+    },
     /// A frame did not come back from the device.
     #[error("the device has not finished a frame within {seconds} s")]
     Timeout {

@@ -2,9 +2,9 @@
 //! when its submit's value has passed.
 
 use super::barrier::{self, Access};
-use super::device::{Device, SubmitValue};
-use super::error::{During, GpuError};
-use super::owned::{Owned, destroyer};
+use super::commands::Commands;
+use super::device::Device;
+use super::error::GpuError;
 use super::picture::Outputs;
 use super::stamps::{FrameTimes, Stamps};
 use super::target::Target;
@@ -15,10 +15,8 @@ use std::time::Duration;
 /// One of the frames that may be in flight at a time.
 #[derive(Debug)]
 pub struct FrameSlot {
-    pending: Option<SubmitValue>,
     outputs: Option<Outputs>,
-    commands: vk::CommandBuffer,
-    pool: Owned<vk::CommandPool>,
+    commands: Commands,
     stamps: Option<Stamps>,
     index: usize,
 }
@@ -29,26 +27,15 @@ impl FrameSlot {
     /// # Errors
     /// The device is out of memory.
     pub fn new(device: &Arc<Device>, index: usize) -> Result<Self, GpuError> {
-        let info = vk::CommandPoolCreateInfo::default()
-            .queue_family_index(device.queue_family())
-            .flags(vk::CommandPoolCreateFlags::TRANSIENT);
-        // SAFETY: the family is the device's own.
-        let pool = unsafe { device.raw().create_command_pool(&info, None) }.during("creating a command pool")?;
-        let pool = Owned::new(device, pool, destroyer!(destroy_command_pool));
-        let allocate = vk::CommandBufferAllocateInfo::default().command_pool(pool.get()).command_buffer_count(1);
-        // SAFETY: the pool is alive; the buffer goes with it.
-        let buffers =
-            unsafe { device.raw().allocate_command_buffers(&allocate) }.during("allocating a command buffer")?;
-        let commands = buffers[0];
-        device.name(commands, &format!("frame slot {index}"));
+        let commands = Commands::new(device, &format!("frame slot {index}"))?;
         let stamps = Stamps::new(device)?;
-        Ok(Self { pending: None, outputs: None, commands, pool, stamps, index })
+        Ok(Self { outputs: None, commands, stamps, index })
     }
 
     /// Whether a frame of this slot is with the device, or has come back and was not taken yet.
     #[must_use]
     pub fn is_pending(&self) -> bool {
-        self.pending.is_some()
+        self.commands.is_pending()
     }
 
     /// Waits until the slot's frame is finished, `timeout` at most; whether it is (true also
@@ -57,7 +44,7 @@ impl FrameSlot {
     /// # Errors
     /// The device was lost.
     pub fn wait(&self, timeout: Duration) -> Result<bool, GpuError> {
-        self.pending.map_or(Ok(true), |value| self.pool.device().wait(value, timeout))
+        self.commands.wait(timeout)
     }
 
     /// The pixels of the slot's frame and the times that the device took; waits for them. `None`
@@ -66,11 +53,7 @@ impl FrameSlot {
     /// # Errors
     /// The device was lost, or hangs.
     pub fn take(&mut self) -> Result<Option<(Outputs, FrameTimes)>, GpuError> {
-        let seconds = super::device::LONGEST_FRAME.as_secs();
-        if !self.wait(super::device::LONGEST_FRAME)? {
-            return Err(GpuError::Timeout { seconds });
-        }
-        let was_pending = self.pending.take().is_some();
+        let was_pending = self.commands.finish()?;
         let Some(outputs) = self.outputs.take() else { return Ok(None) };
         let times = self.stamps.as_ref().filter(|_| was_pending).and_then(Stamps::times);
         Ok(Some((outputs, times.unwrap_or_default())))
@@ -81,20 +64,12 @@ impl FrameSlot {
     /// # Errors
     /// The device was lost or is out of memory, or the slot's last frame is not finished and taken.
     pub fn begin(&mut self) -> Result<FrameRecording<'_>, GpuError> {
-        if self.pending.is_some() {
-            return Err(GpuError::TooMany { what: "frames in one slot", found: 2, limit: 1 });
-        }
-        let device = Arc::clone(self.pool.device());
-        // SAFETY: nothing of the pool is pending.
-        unsafe { device.raw().reset_command_pool(self.pool.get(), vk::CommandPoolResetFlags::empty()) }
-            .during("resetting a command pool")?;
-        let info = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
-        // SAFETY: the buffer was just reset.
-        unsafe { device.raw().begin_command_buffer(self.commands, &info) }.during("beginning a frame")?;
+        let commands = self.commands.begin()?;
         if let Some(stamps) = &mut self.stamps {
             // SAFETY: recording, outside of rendering; the slot's last frame is finished.
-            unsafe { stamps.begin(self.commands) };
+            unsafe { stamps.begin(commands) };
         }
+        let device = Arc::clone(self.commands.device());
         Ok(FrameRecording { slot: self, device, has_copied: false })
     }
 }
@@ -120,7 +95,7 @@ impl FrameRecording<'_> {
     }
 
     pub(super) fn commands(&self) -> vk::CommandBuffer {
-        self.slot.commands
+        self.slot.commands.raw()
     }
 
     /// Records a piece of work, whose time by the device's clock comes back with the frame
@@ -144,7 +119,7 @@ impl FrameRecording<'_> {
     }
 
     fn stamp(&mut self, piece: Option<usize>) {
-        let commands = self.slot.commands;
+        let commands = self.slot.commands.raw();
         if let Some(stamps) = &mut self.slot.stamps {
             // SAFETY: recording; `begin` was called for this frame.
             unsafe { stamps.stamp(commands, piece) };
@@ -156,19 +131,19 @@ impl FrameRecording<'_> {
         if std::mem::replace(&mut self.has_copied, true) {
             // Views beside each other share rows of the buffer, if no byte of them.
             // SAFETY: recording, outside of rendering.
-            unsafe { barrier::memory(&self.device, self.slot.commands, Access::CopyTarget, Access::CopyTarget) };
-        } else if let Some(picture) = &outputs.picture {
+            unsafe { barrier::memory(&self.device, self.commands(), Access::CopyTarget, Access::CopyTarget) };
+        } else if let Some(picture) = outputs.picture() {
             // SAFETY: recording, outside of rendering.
-            unsafe { picture.begin(self.slot.commands) };
+            unsafe { picture.begin(self.commands()) };
         }
         target.copy_to_outputs(self, outputs, size, at);
     }
 
     /// All views were copied; the outputs come back with the slot.
     pub fn put_out(&mut self, outputs: Outputs) {
-        if let Some(picture) = outputs.picture.as_ref().filter(|_| self.has_copied) {
+        if let Some(picture) = outputs.picture().filter(|_| self.has_copied) {
             // SAFETY: recording, outside of rendering; it was begun with the first view.
-            unsafe { picture.end(self.slot.commands) };
+            unsafe { picture.end(self.commands()) };
         }
         self.slot.outputs = Some(outputs);
     }
@@ -179,18 +154,16 @@ impl FrameRecording<'_> {
     /// The device was lost or is out of memory.
     pub fn submit(self) -> Result<(), GpuError> {
         let Self { slot, device, .. } = self;
+        let commands = slot.commands.raw();
         // SAFETY: recording, outside of rendering.
-        unsafe { barrier::memory(&device, slot.commands, Access::CopyTarget, Access::HostRead) };
+        unsafe { barrier::memory(&device, commands, Access::CopyTarget, Access::HostRead) };
         if let Some(stamps) = &slot.stamps {
             // SAFETY: recording; `begin` was called for this frame.
-            unsafe { stamps.end(slot.commands) };
+            unsafe { stamps.end(commands) };
         }
-        // SAFETY: recording; all that was begun has ended.
-        unsafe { device.raw().end_command_buffer(slot.commands) }.during("ending a frame")?;
-        // SAFETY: complete and not pending. Every object that the commands name is an `Owned`,
-        // which waits for this submit before it destroys it; the processor touches a slot's buffers
-        // only through a `FrameRecording`.
-        slot.pending = Some(unsafe { device.submit(slot.commands) }?);
-        Ok(())
+        // SAFETY: recording, and all that was begun has ended. Every object that the commands name is
+        // an `Owned`, which waits for this submit before it destroys it; the processor touches a
+        // slot's buffers only through a `FrameRecording`.
+        unsafe { slot.commands.submit() }
     }
 }

@@ -1,11 +1,15 @@
 //! The Vulkan instance, and the ear for the validation layer.
 
 use super::error::{During, GpuError};
-use ash::{ext, vk};
+use ash::{ext, khr, vk};
 use std::ffi::{CStr, c_void};
 use std::fmt;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
+
+/// How windows of the desktops that there are become surfaces.
+const SURFACES: [&CStr; 4] =
+    [khr::surface::NAME, khr::xlib_surface::NAME, khr::xcb_surface::NAME, khr::wayland_surface::NAME];
 
 const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 
@@ -22,8 +26,9 @@ pub struct Instance {
     log: Arc<MessageLog>,
     raw: ash::Instance,
     has_debug_utils: bool,
+    has_surfaces: bool,
     /// Keeps the loader's library mapped; last to go.
-    _entry: ash::Entry,
+    entry: ash::Entry,
 }
 
 impl fmt::Debug for Instance {
@@ -39,6 +44,18 @@ impl Instance {
     /// # Errors
     /// No loader, no driver, no validation layer.
     pub fn new(has_validation: bool) -> Result<Arc<Self>, GpuError> {
+        Self::open(has_validation, false)
+    }
+
+    /// Likewise, for devices that show pictures in windows, where the loader knows windows.
+    ///
+    /// # Errors
+    /// As [`Instance::new`].
+    pub fn for_windows(has_validation: bool) -> Result<Arc<Self>, GpuError> {
+        Self::open(has_validation, true)
+    }
+
+    fn open(has_validation: bool, shows: bool) -> Result<Arc<Self>, GpuError> {
         // SAFETY: loads the system's libvulkan, whose initialisers are trusted as every dynamic
         // library's are.
         let entry = unsafe { ash::Entry::load() }.map_err(|e| GpuError::NoLoader { reason: e.to_string() })?;
@@ -51,21 +68,25 @@ impl Instance {
         // SAFETY: as above.
         let extensions = unsafe { entry.enumerate_instance_extension_properties(None) }
             .during("listing Vulkan's instance extensions")?;
-        let has_debug_utils =
-            extensions.iter().any(|found| found.extension_name_as_c_str() == Ok(ext::debug_utils::NAME));
+        let has = |name: &&CStr| extensions.iter().any(|found| found.extension_name_as_c_str() == Ok(*name));
+        let has_debug_utils = has(&ext::debug_utils::NAME);
+        // Some layers connect to a desktop for the asking, and complain where they find no desktop.
+        let is_set = |name: &&str| std::env::var_os(name).is_some_and(|value| !value.is_empty());
+        let is_wayland = ["WAYLAND_DISPLAY", "WAYLAND_SOCKET"].iter().any(is_set);
+        let is_there = |name: &CStr| is_wayland || name != khr::wayland_surface::NAME;
+        let surfaces = SURFACES.iter().filter(|name| shows && has(name) && is_there(name));
 
         let application =
             vk::ApplicationInfo::default().application_name(c"TerraVision").api_version(vk::API_VERSION_1_3);
         let layer_names = [VALIDATION_LAYER.as_ptr()];
-        let extension_names = [ext::debug_utils::NAME.as_ptr()];
+        let extension_names: Vec<_> =
+            surfaces.copied().chain(has_debug_utils.then_some(ext::debug_utils::NAME)).map(CStr::as_ptr).collect();
         let enabled = [vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION];
         let mut features = vk::ValidationFeaturesEXT::default().enabled_validation_features(&enabled);
-        let mut info = vk::InstanceCreateInfo::default().application_info(&application);
+        let mut info =
+            vk::InstanceCreateInfo::default().application_info(&application).enabled_extension_names(&extension_names);
         if has_validation {
             info = info.enabled_layer_names(&layer_names).push_next(&mut features);
-        }
-        if has_debug_utils {
-            info = info.enabled_extension_names(&extension_names);
         }
         // SAFETY: all that `info` points to lives until the end of this function.
         let raw = unsafe { entry.create_instance(&info, None) }.map_err(|result| match result {
@@ -73,7 +94,8 @@ impl Instance {
             result => GpuError::Vulkan { operation: "creating the Vulkan instance", result },
         })?;
         let log = Arc::new(MessageLog::default());
-        let mut instance = Self { messenger: None, log, raw, has_debug_utils, _entry: entry };
+        let has_surfaces = shows && has(&khr::surface::NAME);
+        let mut instance = Self { messenger: None, log, raw, has_debug_utils, has_surfaces, entry };
         if has_validation && has_debug_utils {
             instance.listen()?;
         }
@@ -82,7 +104,7 @@ impl Instance {
 
     fn listen(&mut self) -> Result<(), GpuError> {
         use vk::{DebugUtilsMessageSeverityFlagsEXT as Severity, DebugUtilsMessageTypeFlagsEXT as Type};
-        let functions = ext::debug_utils::Instance::new(&self._entry, &self.raw);
+        let functions = ext::debug_utils::Instance::new(&self.entry, &self.raw);
         let info = vk::DebugUtilsMessengerCreateInfoEXT::default()
             .message_severity(Severity::WARNING | Severity::ERROR)
             .message_type(Type::VALIDATION | Type::PERFORMANCE)
@@ -99,6 +121,17 @@ impl Instance {
     /// The instance's functions.
     pub(super) fn raw(&self) -> &ash::Instance {
         &self.raw
+    }
+
+    /// The loader.
+    #[cfg(feature = "window")]
+    pub(super) fn entry(&self) -> &ash::Entry {
+        &self.entry
+    }
+
+    /// Whether windows can become surfaces.
+    pub(super) fn has_surfaces(&self) -> bool {
+        self.has_surfaces
     }
 
     /// Whether objects can be given names.

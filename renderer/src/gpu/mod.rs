@@ -2,7 +2,9 @@
 //! handles.
 //!
 //! Layers, each holding an `Arc` of the one before it: `instance` → `device` → resources (`buffer`,
-//! `image`, `color_pool`, `elevation`, `target`, `readback`, `picture`) → `passes` → `frame`.
+//! `image`, `color_pool`, `elevation`, `target`, `readback`, `picture`) → `passes` → `frame`. What is recorded and
+//! submitted is `commands`. With windows
+//! (`feature = "window"`): `surface` → `swapchain` → `presenter`.
 //!
 //! Destruction order: every object is owned by `owned::Owned` from the moment it exists, so a
 //! constructor that fails half-way destroys what it made. Dropping an owner waits for the submits
@@ -18,6 +20,7 @@ mod adapter;
 mod barrier;
 mod buffer;
 mod color_pool;
+mod commands;
 mod device;
 mod elevation;
 mod error;
@@ -28,10 +31,18 @@ mod instance;
 mod owned;
 mod passes;
 mod picture;
+#[cfg(feature = "window")]
+mod presenter;
 mod readback;
 mod requirements;
 mod stamps;
+#[cfg(feature = "window")]
+mod surface;
+#[cfg(feature = "window")]
+mod swapchain;
 mod target;
+#[cfg(feature = "window")]
+mod window_faults;
 
 pub use adapter::{AdapterDescription, describe_adapters};
 pub use color_pool::{ColorPool, Filtering};
@@ -44,8 +55,14 @@ pub use instance::Instance;
 pub use passes::floor::FloorPass;
 pub use passes::rays::{RayNode, RayTile, RayView, RaysPass};
 pub use passes::terrain::{Block, Sides, TerrainPass, TerrainView, TileParameters, ViewParameters};
-pub use picture::{DevicePicture, Outputs};
+pub use picture::{DevicePicture, Outputs, Place};
+#[cfg(feature = "window")]
+pub use presenter::{Presenter, ShowOptions, Shown, check_showing};
 pub use readback::Readback;
 pub use requirements::{Capabilities, DeviceKind, Missing, Needs, missing_of};
 pub use stamps::{FrameTimes, MOST_PIECES};
+#[cfg(feature = "window")]
+pub use surface::ShowTarget;
 pub use target::Target;
+#[cfg(feature = "window")]
+pub use window_faults::WindowFaults;

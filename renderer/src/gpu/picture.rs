@@ -6,10 +6,10 @@
 
 use super::barrier::{self, Access, layout_of};
 use super::buffer::{Buffer, BufferUse};
-use super::device::{Device, LONGEST_FRAME};
-use super::error::{During, GpuError};
+use super::commands::Commands;
+use super::device::Device;
+use super::error::GpuError;
 use super::image::{Image, ImageShape, whole};
-use super::owned::{Owned, destroyer};
 use super::readback::Readback;
 use super::target::COLOR_FORMAT;
 use ash::vk;
@@ -89,6 +89,12 @@ impl DevicePicture {
         unsafe { barrier::image(&self.device, commands, &self.image, Access::CopyTarget, Access::CopySource) };
     }
 
+    /// The device that it is on.
+    #[must_use]
+    pub fn device(&self) -> &Arc<Device> {
+        &self.device
+    }
+
     pub(super) fn image(&self) -> &Image {
         &self.image
     }
@@ -155,37 +161,20 @@ impl DevicePicture {
     /// Records commands, submits them, and waits for them.
     fn at_once(&self, record: impl FnOnce(&Device, vk::CommandBuffer)) -> Result<(), GpuError> {
         let device = &self.device;
-        let info = vk::CommandPoolCreateInfo::default()
-            .queue_family_index(device.queue_family())
-            .flags(vk::CommandPoolCreateFlags::TRANSIENT);
-        // SAFETY: the family is the device's own.
-        let pool = unsafe { device.raw().create_command_pool(&info, None) }.during("creating a command pool")?;
-        let pool = Owned::new(device, pool, destroyer!(destroy_command_pool));
-        let allocate = vk::CommandBufferAllocateInfo::default().command_pool(pool.get()).command_buffer_count(1);
-        // SAFETY: the pool is alive; the buffer goes with it.
-        let commands =
-            unsafe { device.raw().allocate_command_buffers(&allocate) }.during("allocating a command buffer")?[0];
-        let info = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
-        // SAFETY: the buffer is fresh.
-        unsafe { device.raw().begin_command_buffer(commands, &info) }.during("beginning a copy")?;
+        let mut copy = Commands::new(device, "copy of a picture")?;
+        let commands = copy.begin()?;
         // What frames did before is in the same queue.
         // SAFETY: recording, outside of rendering.
         unsafe { barrier::memory(device, commands, Access::CopyTarget, Access::CopySource) };
         record(device, commands);
-        // SAFETY: recording.
-        unsafe { device.raw().end_command_buffer(commands) }.during("ending a copy")?;
-        // SAFETY: complete and not pending; all that it names is alive until it has been waited for
-        // below, or, where that fails, waits itself before it goes (`Owned`).
-        let value = unsafe { device.submit(commands) }?;
-        if device.wait(value, LONGEST_FRAME)? {
-            Ok(())
-        } else {
-            Err(GpuError::Timeout { seconds: LONGEST_FRAME.as_secs() })
-        }
+        // SAFETY: recording; all that it names is alive until it has been waited for below, or, where
+        // that fails, waits itself before it goes (`Owned`).
+        unsafe { copy.submit() }?;
+        copy.finish().map(drop)
     }
 }
 
-fn color_layers() -> vk::ImageSubresourceLayers {
+pub(super) fn color_layers() -> vk::ImageSubresourceLayers {
     vk::ImageSubresourceLayers {
         aspect_mask: vk::ImageAspectFlags::COLOR,
         mip_level: 0,
@@ -197,22 +186,61 @@ fn color_layers() -> vk::ImageSubresourceLayers {
 /// Where the views of a frame are copied to: what its sinks asked for, which may be nothing.
 #[derive(Debug, Default)]
 pub struct Outputs {
-    /// Memory of the processor.
-    pub readback: Option<Readback>,
-    /// A picture on the device.
-    pub picture: Option<DevicePicture>,
+    readback: Option<Readback>,
+    picture: Option<DevicePicture>,
+    /// Which of the two this frame leaves out.
+    left_out: Option<Place>,
+}
+
+/// Where pixels are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Place {
+    /// In memory of the processor.
+    Memory,
+    /// On the device.
+    Device,
 }
 
 impl Outputs {
+    /// Memory of the processor, a picture on the device, or both.
+    #[must_use]
+    pub fn new(readback: Option<Readback>, picture: Option<DevicePicture>) -> Self {
+        Self { readback, picture, left_out: None }
+    }
+
+    /// The next frame is needed in one of the two only, where there is a choice.
+    pub fn choose(&mut self, place: Place) {
+        let has_choice = self.readback.is_some() && self.picture.is_some();
+        let other = if place == Place::Memory { Place::Device } else { Place::Memory };
+        self.left_out = has_choice.then_some(other);
+    }
+
+    /// Memory of the processor, where the frame is put there.
+    #[must_use]
+    pub fn readback(&self) -> Option<&Readback> {
+        self.readback.as_ref().filter(|_| self.left_out != Some(Place::Memory))
+    }
+
+    /// The same, to be drawn over.
+    pub(crate) fn readback_mut(&mut self) -> Option<&mut Readback> {
+        self.readback.as_mut().filter(|_| self.left_out != Some(Place::Memory))
+    }
+
+    /// The picture on the device, where the frame is put there.
+    #[must_use]
+    pub fn picture(&self) -> Option<&DevicePicture> {
+        self.picture.as_ref().filter(|_| self.left_out != Some(Place::Device))
+    }
+
     /// Makes room for a frame's picture; no submit uses the outputs.
     ///
     /// # Errors
     /// Out of memory, or the picture is larger than what there is room for.
     pub fn lay_out(&mut self, device: &Arc<Device>, layout: PictureLayout) -> Result<(), GpuError> {
-        if let Some(readback) = &mut self.readback {
+        if let Some(readback) = self.readback_mut() {
             readback.lay_out(layout)?;
         }
-        if let Some(picture) = &mut self.picture {
+        if let Some(picture) = self.picture.as_mut().filter(|_| self.left_out != Some(Place::Device)) {
             if picture.size() != layout.size {
                 *picture = DevicePicture::new(device, layout)?;
             }

@@ -66,6 +66,8 @@ pub struct Capabilities {
     pub host_import_alignment: Option<u64>,
     /// Nanoseconds per step of the timestamp counter; `None` when the queue has none.
     pub timestamp_period_nanos: Option<f64>,
+    /// Whether it can show pictures in windows.
+    pub has_swapchain: bool,
 }
 
 /// What one run needs.
@@ -197,6 +199,7 @@ mod tests {
             max_anisotropy: 1.0,
             host_import_alignment: None,
             timestamp_period_nanos: None,
+            has_swapchain: true,
         }
     }
 

@@ -93,7 +93,7 @@ impl Target {
     }
 
     /// Begins the picture of a view of this size: all sky.
-    pub fn begin_picture(&self, recording: &mut FrameRecording<'_>, size: [u32; 2], sky_rgb: [u8; 3]) {
+    pub fn begin_picture(&self, recording: &mut FrameRecording<'_>, size: [u32; 2], sky_rgba: [u8; 4]) {
         let device = Arc::clone(recording.device());
         let commands = recording.commands();
         let images = [Some(&self.color), self.color_samples.as_ref()];
@@ -104,8 +104,8 @@ impl Target {
         }
         // SAFETY: as above.
         unsafe { barrier::image(&device, commands, &self.depth, Access::Discarded, Access::DepthTarget) };
-        let [r, g, b] = sky_rgb.map(|v| f32::from(v) / 255.0);
-        let clear = vk::ClearValue { color: vk::ClearColorValue { float32: [r, g, b, 1.0] } };
+        let float32 = sky_rgba.map(|v| f32::from(v) / 255.0);
+        let clear = vk::ClearValue { color: vk::ClearColorValue { float32 } };
         let mut color = vk::RenderingAttachmentInfo::default()
             .image_layout(layout_of(Access::ColorTarget))
             .load_op(vk::AttachmentLoadOp::CLEAR)
@@ -183,7 +183,7 @@ impl Target {
         size: [u32; 2],
         at: [u32; 2],
     ) {
-        let Outputs { readback, picture } = outputs;
+        let (readback, picture) = (outputs.readback(), outputs.picture());
         let device = Arc::clone(recording.device());
         let commands = recording.commands();
         let size = [0, 1].map(|axis| size[axis].min(self.size[axis]));

@@ -29,14 +29,16 @@ pub enum RunError {
 }
 
 impl RunError {
-    /// Whether more was asked for than can be drawn.
+    /// Whether more was asked for than can be drawn or shown. A window that cannot be opened when
+    /// this process is started again has lost its display for good.
     #[must_use]
     pub fn is_bad_input(&self) -> bool {
         match self {
             Self::Engine {
                 source: EngineError::Draw { source: DrawError::Gpu { source: GpuError::Unsuitable { missing, .. } } },
             } => missing.iter().any(|lack| matches!(lack, Missing::PictureSize { .. })),
-            Self::Engine { source: EngineError::PictureSize { .. } | EngineError::MeshOnly { .. } } => true,
+            Self::Engine { source: EngineError::PictureSize { .. } | EngineError::MeshOnly { .. } }
+            | Self::Sink { source: SinkError::Window { .. } } => true,
             _ => false,
         }
     }

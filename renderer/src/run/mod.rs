@@ -7,6 +7,7 @@ pub use error::RunError;
 
 use crate::engine::{self, Engine, EngineError, EngineOptions, Finished};
 use crate::frame::{FrameError, FrameReader};
+use crate::gpu::Place;
 use crate::pixels::Pixels;
 use crate::sink::workers::{SinkWorkers, Written};
 use crate::skirt::{Border, Skirt};
@@ -125,7 +126,9 @@ struct FrameLoop<'a> {
 
 impl<'a> FrameLoop<'a> {
     fn new(options: EngineOptions, source: &'a mut dyn FrameSource, workers: SinkWorkers) -> Result<Self, RunError> {
-        let options = EngineOptions { pixels: workers.needs(), ..options };
+        let pixels = workers.needs();
+        // Air is laid over pictures in memory of the processor. One that stays on the device keeps its plain sky.
+        let options = EngineOptions { pixels, has_air: options.has_air && !pixels.device, ..options };
         let reader = FrameReader::new(source.shape(), options.size)?;
         let pixels = u64::from(options.size[0]) * u64::from(options.size[1]);
         let bytes_per_pixel = if options.has_depth { 8 } else { 4 };
@@ -133,10 +136,12 @@ impl<'a> FrameLoop<'a> {
         let engine = engine::open(options.clone(), source)?;
         let shape = source.shape();
         // Walls are drawn over pixels in memory of the processor.
-        let skirt = options.skirt_low_m.filter(|_| options.pixels.host).map(|low| Skirt::new(&shape.world, low));
+        let skirt =
+            options.skirt_low_m.filter(|_| options.pixels.may_be_host()).map(|low| Skirt::new(&shape.world, low));
         let is_held_until_written = source.is_supervised() && !shape.has_gaps;
         // Against the clock a sink that is slow for a moment must not hold up what is drawn.
-        let spare = if shape.has_gaps { SPARE_READBACKS } else { 0 };
+        // What is shown at once does not pile up.
+        let spare = if shape.has_gaps && !options.pixels.either { SPARE_READBACKS } else { 0 };
         let wanted = engine.frames_in_flight() + workers.wanted_buffers() + spare;
         let free = (0..wanted.min(affordable)).map(|_| engine.new_pixels()).collect::<Result<Vec<_>, _>>()?;
         Ok(Self {
@@ -211,8 +216,16 @@ impl<'a> FrameLoop<'a> {
     /// go to the sinks meanwhile.
     fn step(&mut self, observe: &mut dyn FnMut(&Finished)) -> Result<(), RunError> {
         self.source.check()?;
-        let pixels = self.wait_for_room(observe)?;
+        let mut pixels = self.wait_for_room(observe)?;
         self.wait_for_frame(observe)?;
+        if self.options.pixels.has_choice() {
+            // Walls are drawn by the processor.
+            let is_drawn_over = self.skirt.as_ref().is_some_and(|skirt| skirt.is_in_sight(self.reader.frame()));
+            pixels.choose(if is_drawn_over { Place::Memory } else { Place::Device });
+        }
+        if let Some(has_overlay) = self.workers.wants_tree_overlay() {
+            self.engine.set_tree_overlay(has_overlay)?;
+        }
         let started = self.record_started;
         let submitted = self.engine.submit(self.reader.frame(), self.source, pixels);
         if matches!(submitted, Err(EngineError::Draw { source: DrawError::Frame { .. } })) {

@@ -2,8 +2,10 @@
 
 use super::{FrameSink, Picture, SinkError, SizedRgba};
 use crate::pixels::PixelPlaces;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use terravision_common::ids::FrameNumber;
-use terravision_common::rig::Views;
+use terravision_common::rig::{View, Views};
 
 /// Shares of the left eye's red, green and blue in each channel of the picture, then those of the
 /// right eye's, in 1/65536: the least squares of what each eye then sees against what it should see
@@ -14,10 +16,12 @@ const SHARES: [[i32; 6]; 3] = [
     [-997, -1_350, -358, -4_729, -7_403, 80_373],
 ];
 
-/// Hands both views on as one picture of the size of a view.
+/// Hands both views on as one picture of the size of a view, with the depths of the left one, where
+/// there are any.
 pub struct AnaglyphSink {
     sink: Box<dyn FrameSink>,
     rgba: Vec<u8>,
+    reversed_depth: Vec<f32>,
 }
 
 impl std::fmt::Debug for AnaglyphSink {
@@ -30,13 +34,17 @@ impl AnaglyphSink {
     /// Pictures for glasses into this sink.
     #[must_use]
     pub fn new(sink: Box<dyn FrameSink>) -> Self {
-        Self { sink, rgba: Vec::new() }
+        Self { sink, rgba: Vec::new(), reversed_depth: Vec::new() }
     }
 }
 
 impl FrameSink for AnaglyphSink {
     fn needs(&self) -> PixelPlaces {
         if self.sink.needs() == PixelPlaces::NOWHERE { PixelPlaces::NOWHERE } else { PixelPlaces::HOST }
+    }
+
+    fn tree_overlay(&self) -> Option<Arc<AtomicBool>> {
+        self.sink.tree_overlay()
     }
 
     fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
@@ -53,11 +61,17 @@ impl FrameSink for AnaglyphSink {
             };
             self.rgba.extend(of(left.at).zip(of(right.at)).flat_map(|(left, right)| combine(left, right)));
         }
+        self.reversed_depth.clear();
+        for row in 0..picture.reversed_depth.map_or(0, |_| height) {
+            let first = (left.at[1] as usize + row) * stride + left.at[0] as usize;
+            self.reversed_depth.extend(&picture.reversed_depth.unwrap_or_default()[first..first + width]);
+        }
         self.sink.write(&Picture {
-            views: Views::single(&left.camera),
+            // Both are all of it.
+            views: Views::new([left, right].map(|view| View { at: [0; 2], ..view })).unwrap_or(picture.views),
             size: left.size(),
             rgba: &self.rgba,
-            reversed_depth: None,
+            reversed_depth: picture.reversed_depth.map(|_| &self.reversed_depth[..]),
             on_device: None,
             ..*picture
         })
@@ -88,7 +102,6 @@ mod tests {
     use super::*;
     use std::sync::{Arc, Mutex};
     use terravision_common::camera::{Camera, CameraFields};
-    use terravision_common::rig::View;
 
     struct Keep(Arc<Mutex<Vec<SizedRgba>>>);
 
@@ -126,7 +139,7 @@ mod tests {
             view: None,
             size: [4, 1],
             rgba: &rgba,
-            reversed_depth: None,
+            reversed_depth: Some(&[1.0, 2.0, 3.0, 4.0]),
             on_device: None,
             views: Views::new([view(0), view(2)]).unwrap(),
             is_settled: true,

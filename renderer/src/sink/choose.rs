@@ -1,11 +1,12 @@
 //! The sinks of a run: what its configuration comes to.
 
 use super::{
-    AllOf, AnaglyphSink, DepthSink, FrameSink, GroundSink, NullSink, PngFileSink, PngFolderSink, RepeatSink,
+    AllOf, AnaglyphSink, DepthSink, FrameSink, GroundSink, LabelSink, NullSink, PngFileSink, PngFolderSink, RepeatSink,
     SharedSink, SinkError, SplitViewsSink, StreamSink,
 };
 use std::sync::Arc;
-use terravision_common::run::{PlaneTarget, RunConfig, SinkConfig};
+use terravision_common::database::Index;
+use terravision_common::run::{PlaneTarget, RunConfig, SinkConfig, WindowConfig};
 use terravision_common::shm::{Control, RunId};
 use terravision_common::stage::StageRun;
 
@@ -18,6 +19,9 @@ struct Given<'a> {
     config: &'a RunConfig,
     run: &'a RunId,
     control: &'a Arc<Control>,
+    /// The database's index.
+    #[cfg_attr(not(feature = "window"), expect(dead_code, reason = "only a window needs it"))]
+    index: &'a Index,
     /// Easting and northing of the world's origin.
     origin: [f64; 2],
     /// Frames that were written by renderers before this one.
@@ -32,15 +36,17 @@ struct Given<'a> {
 pub fn sinks_of(
     run: &StageRun,
     control: &Arc<Control>,
-    origin: [f64; 2],
+    index: &Index,
     written: u64,
 ) -> Result<Vec<Box<dyn FrameSink>>, SinkError> {
     let config = run.config();
-    let given = Given { config, run: run.id(), control, origin, written };
+    let origin = index.world().fields().origin;
+    let given = Given { config, run: run.id(), control, index, origin, written };
     let render = &config.render;
     // Files may be written in any order. A stream and shared frames have one, and so have frames
     // that stand in for those before them.
     let is_in_any_order = render.share.is_none()
+        && render.window.is_none()
         && config.realtime.is_none()
         && match &render.sink {
             SinkConfig::PngFolder(_) | SinkConfig::EachView(_) => true,
@@ -57,14 +63,28 @@ fn sink_of_worker(given: Given<'_>) -> Result<Box<dyn FrameSink>, SinkError> {
     let render = &config.render;
     let picture = picture_sink(&render.sink, given)?;
     let picture = if render.anaglyph { Box::new(AnaglyphSink::new(picture)) } else { picture };
-    if render.depth.is_empty() && render.ground.is_empty() && render.share.is_none() {
+    // Over both eyes at one place: in the plane of the screen.
+    let labelled = |sink: Box<dyn FrameSink>| -> Result<Box<dyn FrameSink>, SinkError> {
+        Ok(match &render.labels {
+            Some(labels) => Box::new(LabelSink::new(sink, labels, config.fps)?),
+            None => sink,
+        })
+    };
+    let picture = if render.sink == SinkConfig::Null { picture } else { labelled(picture)? };
+    let is_shown = render.share.is_some() || render.window.is_some();
+    if render.depth.is_empty() && render.ground.is_empty() && !is_shown {
         return Ok(picture);
     }
     let mut all = AllOf(Vec::new());
     if let Some(share) = &render.share {
         // First: who reads it waits for it, files can wait.
-        let sink = SharedSink::open(share, [config.width, config.height], origin, config.exaggeration)?;
-        all.0.push(Box::new(sink.with_made_up(render.made_up)));
+        let sink = SharedSink::open(share, config.output_size(), origin, config.exaggeration)?;
+        let sink = Box::new(sink.with_made_up(render.made_up));
+        all.0.push(if render.anaglyph { Box::new(AnaglyphSink::new(sink)) } else { sink });
+    }
+    if let Some(window) = &render.window {
+        let window = window_sink(window, given)?;
+        all.0.push(labelled(if render.anaglyph { Box::new(AnaglyphSink::new(window)) } else { window })?);
     }
     let depth = |target: &PlaneTarget| -> Result<Box<dyn FrameSink>, SinkError> {
         Ok(Box::new(DepthSink::new(target)?.with_made_up(render.made_up)))
@@ -78,6 +98,31 @@ fn sink_of_worker(given: Given<'_>) -> Result<Box<dyn FrameSink>, SinkError> {
     // Last: where there is a picture of a frame, there is all of it.
     all.0.push(picture);
     Ok(Box::new(all))
+}
+
+/// The window that is to be shown.
+#[cfg(feature = "window")]
+fn window_sink(window: &WindowConfig, given: Given<'_>) -> Result<Box<dyn FrameSink>, SinkError> {
+    use terravision_window::desktop::{Desktop, WindowSetup};
+    let Given { config, index, .. } = given;
+    let heights = index.ranges().range(index.world().root()).unwrap_or_default();
+    let setup = WindowSetup {
+        config: window.clone(),
+        world: *index.world(),
+        heights_m: heights.map(|height| config.exaggeration * f64::from(height)),
+        database: config.database.clone(),
+        exaggeration: config.exaggeration,
+        most_px: [config.width, config.height],
+        has_overlay: config.render.has_tree_overlay,
+    };
+    let desktop = Desktop::open(setup).map_err(|error| SinkError::Window { reason: error.to_string() })?;
+    Ok(Box::new(super::WindowSink::new(desktop, window.has_vsync, config.render.has_validation)))
+}
+
+/// The same in a build without windows.
+#[cfg(not(feature = "window"))]
+fn window_sink(_window: &WindowConfig, _given: Given<'_>) -> Result<Box<dyn FrameSink>, SinkError> {
+    Err(SinkError::Window { reason: crate::NO_WINDOW.to_owned() })
 }
 
 /// The sink of pictures.

@@ -3,6 +3,7 @@
 
 mod anaglyph;
 mod choose;
+mod labels;
 mod null;
 mod png;
 mod repeat;
@@ -11,11 +12,14 @@ mod split_views;
 mod stream;
 mod temporary;
 mod tiff;
+#[cfg(feature = "window")]
+mod window;
 pub mod workers;
 mod yuv;
 
 pub use anaglyph::AnaglyphSink;
 pub use choose::sinks_of;
+pub use labels::LabelSink;
 pub use null::NullSink;
 pub use png::{PngFileSink, PngFolderSink};
 pub use repeat::RepeatSink;
@@ -23,11 +27,15 @@ pub use shared::SharedSink;
 pub use split_views::SplitViewsSink;
 pub use stream::StreamSink;
 pub use tiff::{DepthSink, GroundSink};
+#[cfg(feature = "window")]
+pub use window::WindowSink;
 
 use crate::gpu::{DevicePicture, GpuError};
 use crate::pixels::PixelPlaces;
 use std::io;
 use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 use terravision_common::camera::Camera;
 use terravision_common::ids::FrameNumber;
 use terravision_common::rig::Views;
@@ -74,6 +82,13 @@ impl<'a> Picture<'a> {
 fn check_size(sink: &'static str, picture: &Picture<'_>, expected: [u32; 2]) -> Result<(), SinkError> {
     let Picture { frame, size: found, .. } = *picture;
     if found == expected { Ok(()) } else { Err(SinkError::PictureSize { sink, frame, found, expected }) }
+}
+
+/// Whether a picture fits into a sink's room.
+fn check_room(sink: &'static str, picture: &Picture<'_>, most: [u32; 2]) -> Result<(), SinkError> {
+    let Picture { frame, size: found, .. } = *picture;
+    let fits = (0..2).all(|axis| found[axis] <= most[axis]);
+    if fits { Ok(()) } else { Err(SinkError::PictureTooLarge { sink, frame, found, most }) }
 }
 
 /// Width and height of a picture, and its pixels, RGBA.
@@ -139,6 +154,21 @@ pub enum SinkError {
         /// The sink's.
         expected: [u32; 2],
     },
+    /// A sink with room for pictures of some size was given a larger one.
+    #[error(
+        "frame {frame} is a picture of {}x{} pixels, larger than the {}x{} for which {sink} has room",
+        .found[0], .found[1], .most[0], .most[1]
+    )]
+    PictureTooLarge {
+        /// What it is.
+        sink: &'static str,
+        /// The frame.
+        frame: FrameNumber,
+        /// Its size.
+        found: [u32; 2],
+        /// The largest.
+        most: [u32; 2],
+    },
     /// A frame has other views than the run's rig.
     #[error("a frame has {found} views, expected {expected}")]
     ViewCount {
@@ -169,6 +199,12 @@ pub enum SinkError {
         #[from]
         source: WaitError,
     },
+    /// There is no window.
+    #[error("{reason}")]
+    Window {
+        /// A sentence.
+        reason: String,
+    },
     /// A thread of the sink ended without an error.
     #[error("a thread that writes pictures has ended unexpectedly")]
     WorkerGone,
@@ -183,6 +219,12 @@ pub trait FrameSink: Send {
     /// that needs them in memory, nothing is read back.
     fn needs(&self) -> PixelPlaces {
         PixelPlaces::HOST
+    }
+
+    /// Whether frames have outlines of the tree's colour leaves, where a person decides that while
+    /// they are drawn.
+    fn tree_overlay(&self) -> Option<Arc<AtomicBool>> {
+        None
     }
 
     /// Takes the next picture; it is safely out of our hands when this returns.
@@ -223,6 +265,10 @@ impl std::fmt::Debug for AllOf {
 impl FrameSink for AllOf {
     fn needs(&self) -> PixelPlaces {
         self.0.iter().fold(PixelPlaces::NOWHERE, |needs, sink| needs.and(sink.needs()))
+    }
+
+    fn tree_overlay(&self) -> Option<Arc<AtomicBool>> {
+        self.0.iter().find_map(|sink| sink.tree_overlay())
     }
 
     fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {

@@ -2,8 +2,11 @@
 //! none of them.
 
 use super::tiff::{GroundView, depth_m};
-use super::{FrameSink, Picture, SinkError, check_size};
+use super::{FrameSink, Picture, SinkError, check_room};
+use glam::DVec3;
+use terravision_common::camera::{Camera, CameraFields};
 use terravision_common::event::monotonic_nanos;
+use terravision_common::rig::Views;
 use terravision_common::run::{MadeUp, ShareConfig};
 use terravision_common::shm::{FrameInfo, FrameRingWriter, FrameShape, SharedName};
 
@@ -37,9 +40,20 @@ impl SharedSink {
     }
 }
 
+/// The camera of a frame: of two eyes one between them, which is the pose that carries them.
+fn in_the_middle(views: &Views) -> Camera {
+    let first = views.first().map(|view| view.camera).unwrap_or_default();
+    if views.len() < 2 {
+        return first;
+    }
+    let sum: DVec3 = views.cameras().map(Camera::eye).sum();
+    let eye_in_world = (sum / views.len() as f64).to_array();
+    Camera::new(CameraFields { eye_in_world, ..*first.fields() }).unwrap_or(first)
+}
+
 impl FrameSink for SharedSink {
     fn write(&mut self, picture: &Picture<'_>) -> Result<(), SinkError> {
-        check_size("the ring of shared frames", picture, self.shape.size)?;
+        check_room("the ring of shared frames", picture, self.shape.size)?;
         let reversed = match picture.reversed_depth {
             Some(reversed) => reversed,
             None if self.shape.has_depth || self.shape.has_ground => {
@@ -55,7 +69,10 @@ impl FrameSink for SharedSink {
         let ground = view.positions(reversed, width).zip(is_told());
         let ground = ground.map(|(at, is_nan)| if is_nan { [f64::NAN; 3] } else { at });
         let Picture { frame, is_settled, .. } = picture;
-        let info = FrameInfo::new(frame.get(), picture.camera(), self.origin, *is_settled, monotonic_nanos());
+        let camera = &in_the_middle(&picture.views);
+        let info = FrameInfo::new(frame.get(), camera, self.origin, *is_settled, monotonic_nanos());
+        // Of two eyes side by side the whole.
+        let info = FrameInfo { size: picture.size, ..info };
         self.ring.write(&info, picture.rgba, depth, ground)?;
         Ok(())
     }

@@ -6,8 +6,11 @@
 //! there is a fixed number, and a buffer comes back when its frame is written.
 
 use super::{FrameSink, Picture, SinkError};
+use crate::air::Air;
 use crate::engine::Finished;
 use crate::pixels::{PixelPlaces, Pixels};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -55,6 +58,8 @@ pub struct SinkWorkers {
     workers: Vec<Worker>,
     written: Receiver<Result<Written, SinkError>>,
     needs: PixelPlaces,
+    /// Of a sink that decides whether frames have outlines.
+    overlay: Option<Arc<AtomicBool>>,
     /// Worker of the next frame.
     next: usize,
 }
@@ -71,31 +76,51 @@ impl SinkWorkers {
     /// # Errors
     /// A thread could not be started.
     pub fn start(sinks: Vec<Box<dyn FrameSink>>) -> Result<Self, SinkError> {
+        Self::start_in_air(sinks, None)
+    }
+
+    /// Likewise; pictures get this air before sinks see them.
+    ///
+    /// # Errors
+    /// A thread could not be started.
+    pub fn start_in_air(sinks: Vec<Box<dyn FrameSink>>, air: Option<&Air>) -> Result<Self, SinkError> {
         // Room for all frames that workers can hold, so that a worker never waits for the frame
         // loop.
         let (done, written) = sync_channel(sinks.len() * (QUEUE + 2));
-        let needs = sinks.iter().fold(PixelPlaces::NOWHERE, |needs, sink| needs.and(sink.needs()));
+        let mut needs = sinks.iter().fold(PixelPlaces::NOWHERE, |needs, sink| needs.and(sink.needs()));
+        if air.is_some() && needs.either {
+            // The processor draws it over them.
+            needs = PixelPlaces { either: false, host: true, ..needs };
+        }
+        let overlay = sinks.iter().find_map(|sink| sink.tree_overlay());
         let workers = sinks
             .into_iter()
             .enumerate()
             .map(|(index, sink)| {
                 let (messages, queue) = sync_channel(QUEUE);
-                let done = done.clone();
+                let (done, air) = (done.clone(), air.cloned());
                 let worker = index as u32;
                 let thread = std::thread::Builder::new()
                     .name(format!("sink {worker}"))
-                    .spawn(move || run_worker(worker, sink, &queue, &done))
+                    .spawn(move || run_worker(worker, (sink, air), &queue, &done))
                     .map_err(|source| SinkError::Write { source, path: "a thread".into() })?;
                 Ok(Worker { messages, thread })
             })
             .collect::<Result<_, SinkError>>()?;
-        Ok(Self { workers, written, needs, next: 0 })
+        Ok(Self { workers, written, needs, overlay, next: 0 })
     }
 
     /// Where they need the pixels of pictures.
     #[must_use]
     pub fn needs(&self) -> PixelPlaces {
         self.needs
+    }
+
+    /// Whether frames are to have outlines of the tree's colour leaves, where a sink decides that.
+    #[must_use]
+    pub fn wants_tree_overlay(&self) -> Option<bool> {
+        // Relaxed: one value, from which nothing follows.
+        self.overlay.as_ref().map(|overlay| overlay.load(Ordering::Relaxed))
     }
 
     /// Read-back buffers that keep all workers busy: one being written and one waiting, each.
@@ -181,17 +206,20 @@ impl Drop for SinkWorkers {
 
 fn run_worker(
     worker: u32,
-    mut sink: Box<dyn FrameSink>,
+    (mut sink, air): (Box<dyn FrameSink>, Option<Air>),
     queue: &Receiver<Message>,
     done: &SyncSender<Result<Written, SinkError>>,
 ) -> Result<(), SinkError> {
     loop {
-        let frame = match queue.recv() {
+        let mut frame = match queue.recv() {
             Ok(Message::Frame(frame)) => frame,
             Ok(Message::Finish) => return sink.finish(),
             Err(_broken_off) => return Ok(()),
         };
         let started_nanos = monotonic_nanos();
+        if let Some(air) = &air {
+            air.draw(&mut frame.pixels, &frame.views);
+        }
         let picture = Picture {
             frame: frame.frame,
             size: frame.size,

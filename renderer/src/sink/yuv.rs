@@ -4,66 +4,81 @@
 //! over arrays that the compiler makes vector instructions of; which ones is chosen when the
 //! program runs ([`Instructions`]).
 
-use std::num::Wrapping;
 #[cfg(doc)]
 use terravision_common::film::FrameEncoding;
 use terravision_common::film::{Matrix, Y4M_FRAME, even};
-use terravision_common::simd::{Instructions, Simd, Work};
+use terravision_common::simd::{Instructions, Simd, Work, prefetch};
 
 /// Pixels of a block: nanoseconds a pixel of 4:4:4 and 4:2:0 by AVX2 are 0.76 and 0.57 with 16, 1.09
 /// and 0.60 with 32, 1.01 and 0.68 with 64. One pixel after the other in 64 bits took 1.95.
 const BLOCK: usize = 16;
+/// How far ahead a row is fetched, bytes: another core has drawn half of a picture, which is not where a
+/// processor guesses.
+const AHEAD: usize = 2048;
 /// Bytes of a block of RGBA.
 const BLOCK_BYTES: usize = 4 * BLOCK;
 
-/// Whole numbers of 32 bits without a check for overflow, which none of them can have: with checks
-/// loops become no vector instructions.
-type Whole = Wrapping<i32>;
+/// A number of each pixel of a block. Numbers wrap around: a sum may pass the largest one, or fall
+/// below 0, on the way to what it comes to.
+type Numbers = [u32; BLOCK];
 
-/// A number of each pixel of a block.
-type Numbers = [Whole; BLOCK];
+/// Bits behind the point. All that comes out fits into the eight bits before it.
+const POINT: u32 = 24;
 
-/// Factors of a conversion, in 65536ths.
+/// What a level of red, green and blue adds to a number of the conversion, and what that begins with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Factors {
-    /// Shares of red, green and blue in luma.
-    luma: [Whole; 3],
-    /// From luma to Y: 219/255.
-    y: Whole,
-    /// From blue less luma to Cb: 224/255 / (2 (1 - Kb)).
-    cb: Whole,
-    /// From red less luma to Cr: 224/255 / (2 (1 - Kr)).
-    cr: Whole,
+    colors: [u32; 3],
+    begin: u32,
 }
 
 impl Factors {
-    fn of(matrix: Matrix) -> Self {
-        let luma = match matrix {
-            Matrix::Bt601 => [19595, 38470, 7471],
-            Matrix::Bt709 => [13933, 46871, 4732],
-        };
-        let chroma = |k: i32| (224.0 / 255.0 / (2.0 * (1.0 - f64::from(k) / 65536.0)) * 65536.0).round() as i32;
-        let [cb, cr] = [luma[2], luma[0]].map(|k| Wrapping(chroma(k)));
-        Self { luma: luma.map(Wrapping), y: Wrapping(219 * 65536 / 255), cb, cr }
+    fn of(colors: [i32; 3], begin: u32) -> Self {
+        let half = 1 << (POINT - 1);
+        Self { colors: colors.map(i32::cast_unsigned), begin: (begin << POINT) + half }
     }
 
+    /// For sums of four pixels.
+    fn of_four(self) -> Self {
+        Self { colors: self.colors.map(|factor| (factor.cast_signed() >> 2).cast_unsigned()), ..self }
+    }
+
+    /// To the nearest.
     #[inline(always)]
-    fn luma(&self, r: Whole, g: Whole, b: Whole) -> Whole {
-        let [kr, kg, kb] = self.luma;
-        kr * r + kg * g + kb * b
+    fn apply(&self, r: u32, g: u32, b: u32) -> u8 {
+        let [kr, kg, kb] = self.colors;
+        let [r, g, b] = [r.wrapping_mul(kr), g.wrapping_mul(kg), b.wrapping_mul(kb)];
+        (r.wrapping_add(g).wrapping_add(b).wrapping_add(self.begin) >> POINT) as u8
     }
 }
 
-/// `value * factor / 2^SHIFT`, rounded to the nearest, halves up, for values of at most
-/// `SHIFT - 8 + 1` bits with their sign. The product has more than 32 bits, of which these are as
-/// exact as all: whole numbers may be rounded down twice.
-#[inline(always)]
-fn scaled<const SHIFT: usize>(value: Whole, factor: Whole) -> Whole {
-    // Upper and lower bits of the value, so that neither product has more than 31 bits.
-    let split = SHIFT / 2 - 4;
-    let (upper, lower) = (value >> split, value & ((Wrapping(1) << split) - Wrapping(1)));
-    let rest = SHIFT - split;
-    (upper * factor + ((lower * factor) >> split) + (Wrapping(1) << (rest - 1))) >> rest
+/// A conversion: luma, and blue and red less it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Conversion {
+    y: Factors,
+    cb: Factors,
+    cr: Factors,
+}
+
+impl Conversion {
+    fn of(matrix: Matrix) -> Self {
+        let [kr, kb] = match matrix {
+            Matrix::Bt601 => [0.299, 0.114],
+            Matrix::Bt709 => [0.2126, 0.0722],
+        };
+        // Whole shares of four: then factors for sums of four are none but these.
+        let fixed = |share: f64| 4 * (share * f64::from(1u32 << (POINT - 2))).round() as i32;
+        let luma = |k: f64| fixed(k * 219.0 / 255.0);
+        let chroma = |k: f64, from: f64| fixed(-k / (2.0 * (1.0 - from)) * 224.0 / 255.0);
+        // Green has what is left: grey is grey, and white as bright as can be.
+        let of = |begin: u32, sum: i32, [r, b]: [i32; 2]| Factors::of([r, sum - r - b, b], begin);
+        let most = fixed(0.5 * 224.0 / 255.0);
+        Self {
+            y: of(16, fixed(219.0 / 255.0), [luma(kr), luma(kb)]),
+            cb: of(128, 0, [chroma(kr, kb), most]),
+            cr: of(128, 0, [most, chroma(kb, kr)]),
+        }
+    }
 }
 
 /// The block that begins with these texels, fewer than it has, and is filled with the last of them.
@@ -80,37 +95,27 @@ fn filled(texels: &[u8]) -> [u8; BLOCK_BYTES] {
 #[inline(always)]
 fn channels(texels: &[u8; BLOCK_BYTES]) -> [Numbers; 3] {
     let texels: [u32; BLOCK] = bytemuck::cast(*texels);
-    let [mut r, mut g, mut b] = [[Wrapping(0); BLOCK]; 3];
+    let [mut r, mut g, mut b] = [[0; BLOCK]; 3];
     for n in 0..BLOCK {
         let texel = u32::from_le(texels[n]);
-        r[n] = Wrapping((texel & 0xff).cast_signed());
-        g[n] = Wrapping(((texel >> 8) & 0xff).cast_signed());
-        b[n] = Wrapping(((texel >> 16) & 0xff).cast_signed());
+        r[n] = texel & 0xff;
+        g[n] = (texel >> 8) & 0xff;
+        b[n] = (texel >> 16) & 0xff;
     }
     [r, g, b]
 }
 
 #[inline(always)]
-fn y_of(factors: &Factors, [r, g, b]: &[Numbers; 3], out: &mut [u8; BLOCK]) {
+fn apply(factors: &Factors, [r, g, b]: &[Numbers; 3], out: &mut [u8; BLOCK]) {
     for n in 0..BLOCK {
-        out[n] = (scaled::<32>(factors.luma(r[n], g[n], b[n]), factors.y).0 as u8).wrapping_add(16);
-    }
-}
-
-/// Cb and Cr of every pixel.
-#[inline(always)]
-fn chroma_of(factors: &Factors, [r, g, b]: &[Numbers; 3], cb: &mut [u8; BLOCK], cr: &mut [u8; BLOCK]) {
-    for n in 0..BLOCK {
-        let luma = factors.luma(r[n], g[n], b[n]);
-        cb[n] = (scaled::<32>((b[n] << 16) - luma, factors.cb).0 as u8).wrapping_add(128);
-        cr[n] = (scaled::<32>((r[n] << 16) - luma, factors.cr).0 as u8).wrapping_add(128);
+        out[n] = factors.apply(r[n], g[n], b[n]);
     }
 }
 
 /// Cb and Cr of the means of every two pixels above each other and the two beside them.
 #[inline(always)]
 fn shared_chroma_of(
-    factors: &Factors,
+    [of_cb, of_cr]: &[Factors; 2],
     [upper, lower]: [&[u8; BLOCK_BYTES]; 2],
     cb: &mut [u8; BLOCK / 2],
     cr: &mut [u8; BLOCK / 2],
@@ -127,18 +132,15 @@ fn shared_chroma_of(
     for n in 0..BLOCK / 2 {
         let red_and_blue = red_and_blue[2 * n].wrapping_add(red_and_blue[2 * n + 1]);
         let green = green[2 * n].wrapping_add(green[2 * n + 1]);
-        let r = Wrapping((red_and_blue & 0xffff).cast_signed());
-        let g = Wrapping((green & 0xffff).cast_signed());
-        let b = Wrapping((red_and_blue >> 16).cast_signed());
-        let luma = factors.luma(r, g, b);
-        cb[n] = (scaled::<34>((b << 16) - luma, factors.cb).0 as u8).wrapping_add(128);
-        cr[n] = (scaled::<34>((r << 16) - luma, factors.cr).0 as u8).wrapping_add(128);
+        let (r, g, b) = (red_and_blue & 0xffff, green & 0xffff, red_and_blue >> 16);
+        cb[n] = of_cb.apply(r, g, b);
+        cr[n] = of_cr.apply(r, g, b);
     }
 }
 
 /// Pixels to planes of the same size.
 struct Full<'a> {
-    factors: Factors,
+    conversion: Conversion,
     rgba: &'a [u8],
     y: &'a mut [u8],
     cb: &'a mut [u8],
@@ -151,20 +153,23 @@ impl Work for Full<'_> {
     // No closures: they would be compiled without the instructions that this is inlined for.
     #[inline(always)]
     fn run<S: Simd>(self, _simd: S) {
-        let Self { factors, rgba, y, cb, cr } = self;
+        let Self { conversion: of, rgba, y, cb, cr } = self;
         let (blocks, rest) = rgba.as_chunks::<BLOCK_BYTES>();
         let (y, y_rest) = y.as_chunks_mut::<BLOCK>();
         let (cb, cb_rest) = cb.as_chunks_mut::<BLOCK>();
         let (cr, cr_rest) = cr.as_chunks_mut::<BLOCK>();
         for (block, ((y, cb), cr)) in blocks.iter().zip(y.iter_mut().zip(cb).zip(cr)) {
+            prefetch(block, AHEAD);
             let channels = channels(block);
-            y_of(&factors, &channels, y);
-            chroma_of(&factors, &channels, cb, cr);
+            apply(&of.y, &channels, y);
+            apply(&of.cb, &channels, cb);
+            apply(&of.cr, &channels, cr);
         }
         let channels = channels(&filled(rest));
         let [mut y, mut cb, mut cr] = [[0; BLOCK]; 3];
-        y_of(&factors, &channels, &mut y);
-        chroma_of(&factors, &channels, &mut cb, &mut cr);
+        apply(&of.y, &channels, &mut y);
+        apply(&of.cb, &channels, &mut cb);
+        apply(&of.cr, &channels, &mut cr);
         for (out, found) in [(y_rest, y), (cb_rest, cb), (cr_rest, cr)] {
             out.copy_from_slice(&found[..out.len()]);
         }
@@ -173,7 +178,9 @@ impl Work for Full<'_> {
 
 /// Two rows of pixels to two rows of Y, with an even number of pixels, and one of each chroma.
 struct TwoRows<'a> {
-    factors: Factors,
+    luma: Factors,
+    /// Of blue and red, for sums of four pixels.
+    chroma_of_four: [Factors; 2],
     rows: [&'a [u8]; 2],
     y: [&'a mut [u8]; 2],
     chroma: [&'a mut [u8]; 2],
@@ -184,7 +191,7 @@ impl Work for TwoRows<'_> {
 
     #[inline(always)]
     fn run<S: Simd>(self, _simd: S) {
-        let Self { factors, rows: [upper, lower], y: [upper_y, lower_y], chroma: [cb, cr] } = self;
+        let Self { luma, chroma_of_four, rows: [upper, lower], y: [upper_y, lower_y], chroma: [cb, cr] } = self;
         let ((upper, upper_rest), (lower, lower_rest)) = (upper.as_chunks(), lower.as_chunks());
         // An odd row may fill the last block of Y, which is even, so that blocks go by the row.
         let (upper_y, upper_y_rest) = upper_y.split_at_mut(BLOCK * upper.len());
@@ -194,15 +201,17 @@ impl Work for TwoRows<'_> {
         let y = upper_y.as_chunks_mut().0.iter_mut().zip(lower_y.as_chunks_mut().0);
         let chroma = cb.as_chunks_mut().0.iter_mut().zip(cr.as_chunks_mut().0);
         for (((upper, lower), (upper_y, lower_y)), (cb, cr)) in upper.iter().zip(lower).zip(y).zip(chroma) {
-            y_of(&factors, &channels(upper), upper_y);
-            y_of(&factors, &channels(lower), lower_y);
-            shared_chroma_of(&factors, [upper, lower], cb, cr);
+            prefetch(upper, AHEAD);
+            prefetch(lower, AHEAD);
+            apply(&luma, &channels(upper), upper_y);
+            apply(&luma, &channels(lower), lower_y);
+            shared_chroma_of(&chroma_of_four, [upper, lower], cb, cr);
         }
         let (upper, lower) = (filled(upper_rest), filled(lower_rest));
         let ([mut upper_y, mut lower_y], [mut cb, mut cr]) = ([[0; BLOCK]; 2], [[0; BLOCK / 2]; 2]);
-        y_of(&factors, &channels(&upper), &mut upper_y);
-        y_of(&factors, &channels(&lower), &mut lower_y);
-        shared_chroma_of(&factors, [&upper, &lower], &mut cb, &mut cr);
+        apply(&luma, &channels(&upper), &mut upper_y);
+        apply(&luma, &channels(&lower), &mut lower_y);
+        shared_chroma_of(&chroma_of_four, [&upper, &lower], &mut cb, &mut cr);
         for (out, found) in [(upper_y_rest, &upper_y[..]), (lower_y_rest, &lower_y), (cb_rest, &cb), (cr_rest, &cr)] {
             out.copy_from_slice(&found[..out.len()]);
         }
@@ -216,7 +225,7 @@ pub(super) fn y4m_frame(instructions: Instructions, size: [u32; 2], rgba: &[u8],
     head.copy_from_slice(Y4M_FRAME);
     let (y, chroma) = planes.split_at_mut(count);
     let (cb, cr) = chroma.split_at_mut(count);
-    instructions.run(Full { factors: Factors::of(Matrix::for_size(size)), rgba, y, cb, cr });
+    instructions.run(Full { conversion: Conversion::of(Matrix::for_size(size)), rgba, y, cb, cr });
 }
 
 /// The planes of a frame of a film, Y, Cb and Cr, from RGBA, into `out`, which has their length
@@ -225,7 +234,8 @@ pub(super) fn planar_420(instructions: Instructions, size: [u32; 2], rgba: &[u8]
     let [width, height] = even(size).map(|side| side as usize);
     let (y, chroma) = out.split_at_mut(width * height);
     let (cb, cr) = chroma.split_at_mut(width * height / 4);
-    let factors = Factors::of(Matrix::Bt709);
+    let Conversion { y: luma, cb: of_cb, cr: of_cr } = Conversion::of(Matrix::Bt709);
+    let chroma_of_four = [of_cb, of_cr].map(Factors::of_four);
     let row_bytes = (4 * size[0] as usize).max(1);
     let chroma = cb.chunks_exact_mut((width / 2).max(1)).zip(cr.chunks_exact_mut((width / 2).max(1)));
     let outs = y.chunks_exact_mut((2 * width).max(1)).zip(chroma);
@@ -233,7 +243,13 @@ pub(super) fn planar_420(instructions: Instructions, size: [u32; 2], rgba: &[u8]
         let upper = &rows[..row_bytes.min(rows.len())];
         let lower = rows.get(row_bytes..).filter(|lower| !lower.is_empty()).unwrap_or(upper);
         let (upper_y, lower_y) = y.split_at_mut(width);
-        instructions.run(TwoRows { factors, rows: [upper, lower], y: [upper_y, lower_y], chroma: [cb, cr] });
+        instructions.run(TwoRows {
+            luma,
+            chroma_of_four,
+            rows: [upper, lower],
+            y: [upper_y, lower_y],
+            chroma: [cb, cr],
+        });
     }
 }
 
@@ -244,14 +260,13 @@ mod tests {
 
     /// Y, Cb and Cr of the mean of pixels, in the widest whole numbers.
     fn converted(matrix: Matrix, pixels: &[[u8; 4]]) -> [u8; 3] {
-        let Factors { luma, y, cb, cr } = Factors::of(matrix);
-        let [kr, kg, kb] = luma.map(|k| i64::from(k.0));
         let sum = |channel: usize| pixels.iter().map(|pixel| i64::from(pixel[channel])).sum::<i64>();
-        let [r, g, b] = [0, 1, 2].map(sum);
-        let luma = kr * r + kg * g + kb * b;
-        let scale = (pixels.len() as i64) << 32;
-        let scaled = |value: i64, factor: Whole| (value * i64::from(factor.0) + scale / 2).div_euclid(scale);
-        [16 + scaled(luma, y), 128 + scaled((b << 16) - luma, cb), 128 + scaled((r << 16) - luma, cr)].map(|v| v as u8)
+        let Conversion { y, cb, cr } = Conversion::of(matrix);
+        [y, cb, cr].map(|Factors { colors, begin }| {
+            let factor = |channel: usize| i64::from(colors[channel].cast_signed());
+            let mean: i64 = (0..3).map(|channel| sum(channel) * factor(channel)).sum::<i64>() / pixels.len() as i64;
+            u8::try_from((mean + i64::from(begin)) >> POINT).unwrap()
+        })
     }
 
     /// A frame of Y4M as it was made before there were vectors.
@@ -322,6 +337,25 @@ mod tests {
         assert_eq!(planes(small, [255, 0, 0]), [81, 90, 240]);
         assert_eq!(planes(large, [0, 255, 0]), [173, 42, 26]);
         assert_eq!(planes(large, [0, 0, 255]), [32, 240, 118]);
+    }
+
+    #[test]
+    fn every_colour_is_that_of_the_standard_to_the_nearest() {
+        for (matrix, [kr, kb]) in [(Matrix::Bt601, [0.299, 0.114]), (Matrix::Bt709, [0.2126, 0.0722])] {
+            let of = Conversion::of(matrix);
+            for color in 0..1u32 << 15 {
+                // All corners, and every eighth level between them.
+                let [r, g, b] = [color >> 10, (color >> 5) & 31, color & 31].map(|v| v * 8 + v / 4);
+                let luma = kr * f64::from(r) + (1.0 - kr - kb) * f64::from(g) + kb * f64::from(b);
+                let chroma = |of: u32, k: f64| 128.0 + (f64::from(of) - luma) / (2.0 * (1.0 - k)) * 224.0 / 255.0;
+                let exact = [16.0 + luma * 219.0 / 255.0, chroma(b, kb), chroma(r, kr)];
+                for (factors, exact) in [of.y, of.cb, of.cr].iter().zip(exact) {
+                    let found = f64::from(factors.apply(r, g, b));
+                    assert!((found - exact).abs() < 0.5001, "{r} {g} {b}: {found}, {exact} is exact");
+                }
+                assert!(r != g || g != b || of.cb.apply(r, g, b) == 128 && of.cr.apply(r, g, b) == 128);
+            }
+        }
     }
 
     #[test]

@@ -6,13 +6,14 @@ use glam::{DVec2, DVec3};
 use terravision_common::camera::Camera;
 use terravision_common::surface::Surface;
 use terravision_common::surface::facet::facet_linear;
+use terravision_common::validity::{GROUND_PLANE, MEASURED_PLANE, PLANES};
 use terravision_raycast::model::color::{ColorLayout, ColorPlace};
 use terravision_raycast::model::{Ground, GroundShape, PatchSpec, PoolShape, PoolTile};
 
 /// Cells along a side of a tile.
 const SIDE: usize = 16;
-/// Numbers from slot to slot: more than a tile has.
-const STRIDE: usize = (SIDE + 1) * (SIDE + 1) + 15;
+/// Posts of a tile.
+const POSTS: usize = (SIDE + 1) * (SIDE + 1);
 
 /// All levels of a square field, in a pool.
 #[derive(Debug)]
@@ -23,31 +24,55 @@ pub struct PooledField {
     pub heights: Vec<f32>,
     /// Factor on all heights.
     exaggeration: f64,
+    /// Planes of numbers that a tile has, and numbers from slot to slot: more than that.
+    planes: usize,
+    stride: usize,
 }
 
 impl PooledField {
     /// The levels of a field of `16 << (levels - 1)` cells a side, each filtered from the finer one.
     #[must_use]
     pub fn new(field: Field, exaggeration: f64) -> Self {
+        Self::with_planes(field, exaggeration, 1)
+    }
+
+    /// The same with shares of ground and of measured ground: 1 at posts for which these hold, else 0.
+    #[must_use]
+    pub fn with_holes(field: Field, exaggeration: f64, are: [&dyn Fn(DVec2) -> bool; 2]) -> Self {
+        let mut pooled = Self::with_planes(field, exaggeration, PLANES);
+        for (plane, is) in [GROUND_PLANE, MEASURED_PLANE].into_iter().zip(are) {
+            pooled.fill_plane(plane, |level, [i, j]| {
+                let post = DVec2::new(i as f64, j as f64) * UNIT_M * f64::from(1u32 << level);
+                if is(post) { 1.0 } else { 0.0 }
+            });
+        }
+        pooled
+    }
+
+    fn with_planes(field: Field, exaggeration: f64, planes: usize) -> Self {
         let mut levels = vec![field];
         while let Some(finer) = levels.last().filter(|field| field.cells > SIDE) {
             levels.push(halved(finer));
         }
-        let mut pooled = Self { levels, heights: Vec::new(), exaggeration };
-        pooled.heights = vec![f32::NAN; pooled.slots() * STRIDE];
-        for level in 0..pooled.levels.len() {
-            let field = &pooled.levels[level];
-            for n in 0..field.cells / SIDE {
-                for m in 0..field.cells / SIDE {
-                    let first = pooled.slot(level, [m, n]) * STRIDE;
-                    for (k, height) in pooled.heights[first..][..(SIDE + 1) * (SIDE + 1)].iter_mut().enumerate() {
-                        let [i, j] = [m * SIDE + k % (SIDE + 1), n * SIDE + k / (SIDE + 1)];
-                        *height = field.heights[j * (field.cells + 1) + i];
-                    }
+        let stride = planes * POSTS + 15;
+        let mut pooled = Self { levels, heights: Vec::new(), exaggeration, planes, stride };
+        pooled.heights = vec![f32::NAN; pooled.slots() * stride];
+        let levels = pooled.levels.clone();
+        pooled.fill_plane(0, |level, [i, j]| levels[level].heights[j * (levels[level].cells + 1) + i]);
+        pooled
+    }
+
+    /// Fills a plane of all tiles: `number` of a level's posts.
+    fn fill_plane(&mut self, plane: usize, number: impl Fn(usize, [usize; 2]) -> f32) {
+        for level in 0..self.levels.len() {
+            let tiles = self.levels[level].cells / SIDE;
+            for [m, n] in (0..tiles * tiles).map(|k| [k % tiles, k / tiles]) {
+                let first = self.slot(level, [m, n]) * self.stride + plane * POSTS;
+                for (k, of) in self.heights[first..][..POSTS].iter_mut().enumerate() {
+                    *of = number(level, [m * SIDE + k % (SIDE + 1), n * SIDE + k / (SIDE + 1)]);
                 }
             }
         }
-        pooled
     }
 
     /// Slots before those of a level, the coarsest level first; none is the first.
@@ -77,9 +102,9 @@ impl PooledField {
         };
         let pool = PoolShape {
             slots: self.slots() as u32,
-            stride: STRIDE as u32,
+            stride: self.stride as u32,
             exaggeration: self.exaggeration as f32,
-            has_validity: false,
+            has_validity: self.planes == PLANES,
         };
         Ground::new(shape).with_pool(pool)
     }

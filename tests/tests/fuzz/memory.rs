@@ -114,6 +114,7 @@ fn poses_of_another_program() {
         roll_deg: 0.0,
         vfov_deg: 60.0,
         time_s: 1.0,
+        size: [0; 2],
         is_end: false,
     };
     sender.send(&record);

@@ -21,6 +21,7 @@ pub(crate) enum Heard {
 pub(crate) struct Picture {
     pub(crate) n: u32,
     pub(crate) is_png: bool,
+    pub(crate) is_video: bool,
     pub(crate) flags: u8,
     pub(crate) quality: u16,
     pub(crate) size: [u32; 2],
@@ -35,6 +36,7 @@ pub(crate) struct Picture {
 }
 
 pub(crate) const IS_EXACT: u8 = 8;
+pub(crate) const IS_KEY: u8 = 16;
 
 impl Picture {
     fn read(bytes: &[u8]) -> Self {
@@ -45,6 +47,7 @@ impl Picture {
         Self {
             n: u32_at(8),
             is_png: bytes[12] == 1,
+            is_video: bytes[12] == 2,
             flags: bytes[13],
             quality: u16_at(14),
             size: [24, 28].map(u32_at),
@@ -68,6 +71,8 @@ pub(crate) struct Client {
     pub(crate) start: Value,
     /// The newest `state`, or `welcome`.
     pub(crate) state: Value,
+    /// What it was told in notices.
+    pub(crate) notices: Vec<String>,
     acknowledges: bool,
 }
 
@@ -116,7 +121,8 @@ impl Client {
 
     pub(crate) fn enter_with(server: &Server, hello: Value) -> Self {
         let socket = connect(server, &[]).unwrap();
-        let mut client = Self { socket, id: 0, start: Value::Null, state: Value::Null, acknowledges: true };
+        let mut client =
+            Self { socket, id: 0, start: Value::Null, state: Value::Null, notices: Vec::new(), acknowledges: true };
         client.say(&hello);
         let welcome = client.text("welcome");
         client.id = welcome["you"].as_u64().unwrap();
@@ -149,6 +155,12 @@ impl Client {
                 let value: Value = serde_json::from_str(&text).unwrap();
                 if value["type"] == "state" || value["type"] == "welcome" {
                     self.state = value.clone();
+                }
+                if value["type"] == "notice" {
+                    self.notices.push(value["text"].as_str().unwrap().to_owned());
+                }
+                if value["type"] == "probe" {
+                    self.say(&json!({"type": "probed", "time_ms": value["time_ms"]}));
                 }
                 Some(Heard::Text(value))
             }

@@ -3,7 +3,11 @@
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod client;
+mod films;
+mod first;
 mod server;
+mod sights;
+mod video;
 
 use client::{Client, Heard, bye_after, connect, hello};
 use serde_json::json;
@@ -113,12 +117,19 @@ fn there_is_one_pilot_and_others_take_over() {
     assert_eq!(second.text("error")["code"], "not-pilot");
     assert_eq!(second.refused(r#"{"type":"settings","fps":20}"#), "not-pilot");
     second.say(&json!({"type": "take-over"}));
-    // The picture follows the pilot's window.
+    // The picture follows the pilot's window, and the flight goes on.
     second.flying([200, 200]);
     second.fly(2, 5.0);
     second.picture("the second pilot's pose", |picture| picture.id == 2);
     let seen = first.picture("the same, by the first", |picture| picture.id == 2);
-    assert_eq!((u64::from(seen.client), seen.size), (second.id, [200, 200]));
+    assert_eq!((u64::from(seen.client), seen.size, seen.flight), (second.id, [200, 200], 1));
+    // One that is larger than any before starts another flight.
+    second.say(&json!({"type": "size", "size": [200, 1200], "dpr": 1}));
+    let large = second.picture("a larger picture", |picture| picture.size == [200, 1200]);
+    assert_eq!((large.flight, large.id), (2, 2));
+    second.say(&json!({"type": "size", "size": [200, 200], "dpr": 1}));
+    let small = second.picture("a smaller one again", |picture| picture.size == [200, 200]);
+    assert_eq!(small.flight, 2);
     second.say(&json!({"type": "release"}));
     first.until("the seat", |client, _| (client.state["pilot"] == json!(client.id)).then_some(()));
     drop(first);
@@ -136,9 +147,16 @@ fn settings_start_the_flight_again_and_bad_ones_change_nothing() {
     assert_eq!(after.size, SIZE);
     let settings = client.flying(SIZE)["settings"].clone();
     assert_eq!((&settings["facet_px"], &settings["exaggeration"]), (&json!(12.0), &json!(2.0)));
-    for bad in [r#""fps":0"#, r#""technique":"--output""#, r#""exaggeration":-1"#] {
+    for bad in [r#""fps":0"#, r#""technique":"--output""#, r#""exaggeration":-1"#, r#""sun":"noon""#, r#""haze":0.5"#] {
         assert_eq!(client.refused(&format!(r#"{{"type":"settings",{bad}}}"#)), "bad-settings", "{bad}");
     }
+    // What the flight notes of new settings is told.
+    client.say(&json!({"type": "settings", "sun": "100,-20", "shadows": true}));
+    client.until("a note", |_, heard| match heard {
+        Heard::Text(text) => text["text"].as_str()?.starts_with("it is night").then_some(()),
+        _ => None,
+    });
+    assert_eq!(client.flying(SIZE)["settings"]["sun"], "100,-20");
     // What the flight itself refuses is told, and it goes on as before.
     client.say(&json!({"type": "settings", "technique": "mesh"}));
     let notice = client.until("a warning", |_, heard| match heard {
@@ -165,7 +183,7 @@ fn what_dies_comes_back() {
     let mut client = Client::enter(&server, SIZE);
     assert_ne!(server.child_named("terravision-viewer"), viewer);
     let picture = client.picture("a picture of the next viewer", |_| true);
-    assert_eq!((picture.flight, picture.pose[0].round()), (2, x.round()));
+    assert_eq!((picture.flight, picture.pose[0].round()), (1, x.round()));
     // A stage: the flight starts it again.
     client.flying(SIZE);
     client.fly(6, 41.0);
@@ -182,7 +200,7 @@ fn what_dies_comes_back() {
     Server::kill(flight);
     client.until("the state", |client, _| (client.state["flight"] == "restarting").then_some(()));
     assert!(client.state["reason"].as_str().unwrap().contains("killed"), "{}", client.state);
-    let picture = client.picture("a picture of the next flight", |picture| picture.flight == 3);
+    let picture = client.picture("a picture of the next flight", |picture| picture.flight == 2);
     assert_eq!(picture.id, 7);
     client.fly(8, 43.0);
     client.picture("a pose", |picture| picture.id == 8);

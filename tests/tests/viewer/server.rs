@@ -53,14 +53,28 @@ impl Answer {
 impl Server {
     /// Serves a world at a free port; the first line tells where.
     pub(crate) fn start(world: &Path, arguments: &[&str]) -> Self {
+        Self::run(Command::new(binary("terravision")).arg("serve").arg(world).args(arguments))
+    }
+
+    /// The same, where other programs are looked for in these folders.
+    pub(crate) fn start_with_path(world: &Path, arguments: &[&str], path: &str) -> Self {
         let mut command = Command::new(binary("terravision"));
-        command.arg("serve").arg(world).args(["--addr", "127.0.0.1:0"]).args(arguments);
+        Self::run(command.arg("serve").arg(world).args(arguments).env("PATH", path))
+    }
+
+    fn run(command: &mut Command) -> Self {
+        command.args(["--addr", "127.0.0.1:0"]);
         let mut child = command.stdin(Stdio::null()).stdout(Stdio::piped()).spawn().unwrap();
         let mut page = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut page).unwrap();
         let page = page.trim_end().to_owned();
         let port = page.strip_prefix("http://127.0.0.1:").and_then(|rest| rest.split('/').next()?.parse().ok());
         Self { child, port: port.unwrap_or_else(|| panic!("not an address: {page:?}")), page }
+    }
+
+    /// A viewer whose launcher is the test.
+    pub(crate) fn played(child: Child, port: u16) -> Self {
+        Self { child, port, page: String::new() }
     }
 
     pub(crate) fn pid(&self) -> u32 {

@@ -2,11 +2,13 @@
 
 mod error;
 mod files;
+mod films;
 mod guard;
 mod query;
 mod routes;
 
 use crate::hub::Hub;
+use crate::hub::conversion::MOST_PATH_BYTES;
 use axum::Router;
 use axum::extract::DefaultBodyLimit;
 use axum::middleware::from_fn_with_state;
@@ -36,6 +38,9 @@ fn router(hub: &Arc<Hub>) -> Router {
         .route("/api/still.png", get(routes::still))
         .route("/api/heights", post(routes::heights))
         .route("/api/metrics", get(routes::metrics))
+        .route("/api/path", post(films::path).layer(DefaultBodyLimit::max(MOST_PATH_BYTES)))
+        .route("/api/films", get(films::list).post(films::order).layer(DefaultBodyLimit::max(MOST_PATH_BYTES)))
+        .route("/api/films/{id}", get(films::download).delete(films::remove))
         .route(guard::SOCKET, get(routes::websocket))
         .route("/api/{*rest}", get(routes::nothing))
         .fallback(get(files::file))

@@ -18,7 +18,7 @@ use terravision_common::viewer::{SIDES_PX, ViewerPose};
 /// Most bytes of a WebSocket that wait to be sent.
 const MOST_WRITE_BYTES: usize = 64 << 20;
 
-fn json_answer(value: &Value) -> Response {
+pub(crate) fn json_answer(value: &Value) -> Response {
     ([(header::CONTENT_TYPE, "application/json")], value.to_string()).into_response()
 }
 
@@ -27,7 +27,7 @@ pub(crate) async fn info(State(hub): State<Arc<Hub>>) -> Response {
     let mut info = hub.info();
     let flight = hub.flight.borrow().clone();
     info["settings"] = json!(flight.settings);
-    info["size"] = json!(flight.size);
+    info["size"] = json!(hub.size());
     json_answer(&info)
 }
 
@@ -52,9 +52,13 @@ pub(crate) async fn still(State(hub): State<Arc<Hub>>, uri: Uri) -> Result<Respo
     if let Some(side) = sides.into_iter().flatten().find(|side| !(1..=high).contains(side)) {
         return Err(bad("bad-size", format!("width, height: expected numbers from 1 to {high}, found {side}")));
     }
-    let [usual_width, usual_height] = hub.flight.borrow().size.map(|side| side.max(low));
+    let [usual_width, usual_height] = hub.size().map(|side| side.max(low));
     let size = [sides[0].unwrap_or(usual_width), sides[1].unwrap_or(usual_height)];
-    let order = hub.still_order(pose, Some(size));
+    let has_stereo = query.number::<u8>("stereo")?.is_some_and(|stereo| stereo != 0);
+    let mut order = hub.still_order(pose, Some(size), has_stereo);
+    if query.number::<u8>("light")? == Some(0) {
+        order.settings = order.settings.unlit();
+    }
     let file = hub.stills.draw(&order).await.map_err(|error| match error {
         StillError::Busy => ApiError::new(StatusCode::TOO_MANY_REQUESTS, "busy", error.to_string()),
         StillError::Failed(_) => ApiError::new(StatusCode::INTERNAL_SERVER_ERROR, "failed", error.to_string()),

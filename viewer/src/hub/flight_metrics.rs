@@ -2,6 +2,7 @@
 
 use super::Hub;
 use serde_json::{Map, Value};
+use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
@@ -14,21 +15,31 @@ const WITHIN: Duration = Duration::from_secs(2);
 /// Between two questions, while somebody looks.
 const EVERY: Duration = Duration::from_secs(1);
 
+/// The metrics of a flight that serves them at this address, as Prometheus text.
+pub(crate) async fn metrics_at(address: SocketAddr) -> Option<String> {
+    answer_at(address, "/metrics").await
+}
+
+/// What a flight answers at this address.
+pub(super) async fn answer_at(address: SocketAddr, path: &str) -> Option<String> {
+    let ask = async {
+        let mut stream = TcpStream::connect(address).await?;
+        let request = format!("GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n");
+        stream.write_all(request.as_bytes()).await?;
+        let mut answer = String::new();
+        stream.take(MOST_METRICS_BYTES).read_to_string(&mut answer).await?;
+        Ok::<_, std::io::Error>(answer)
+    };
+    let answer = tokio::time::timeout(WITHIN, ask).await.ok()?.ok()?;
+    let (head, body) = answer.split_once("\r\n\r\n")?;
+    head.starts_with("HTTP/1.1 200").then(|| body.to_owned())
+}
+
 impl Hub {
     /// The metrics of the flight as Prometheus text; `None` while it has none.
     pub(crate) async fn metrics_of_flight(&self) -> Option<String> {
         let address = self.flight.borrow().metrics?;
-        let ask = async {
-            let mut stream = TcpStream::connect(address).await?;
-            let request = format!("GET /metrics HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\r\n");
-            stream.write_all(request.as_bytes()).await?;
-            let mut answer = String::new();
-            stream.take(MOST_METRICS_BYTES).read_to_string(&mut answer).await?;
-            Ok::<_, std::io::Error>(answer)
-        };
-        let answer = tokio::time::timeout(WITHIN, ask).await.ok()?.ok()?;
-        let (head, body) = answer.split_once("\r\n\r\n")?;
-        head.starts_with("HTTP/1.1 200").then(|| body.to_owned())
+        metrics_at(address).await
     }
 }
 

@@ -1,31 +1,42 @@
 //! What all sessions share: the newest picture, who is the pilot, how the flight is. Nothing here
 //! waits for a client.
 
+pub(crate) mod conversion;
+pub(crate) mod films;
 pub(crate) mod flight_metrics;
-pub(crate) mod news;
+pub(crate) mod launcher_events;
+pub(crate) mod orders;
+mod pace;
 mod people;
 mod poses;
-pub(crate) mod wishes;
+mod recent;
+pub(crate) mod tile_map;
 
+pub(crate) use pace::Pace;
 pub(crate) use people::{Hello, View};
+pub(crate) use poses::Room;
 
 use crate::encoder::{Encoder, median};
 use crate::launcher_link::LauncherLink;
 use crate::picture::{Picture, Scene, SentPose};
 use crate::stills::{StillOrder, Stills};
 use crate::terrain::Terrain;
+use crate::video::MOST_ENCODERS;
 use bytes::Bytes;
+use conversion::Conversions;
+use films::Films;
+use orders::{FlightOrder, MOST_PIXELS};
 use people::{MOST_CLIENTS, People};
 use poses::Poses;
+use recent::Recent;
 use serde_json::{Value, json};
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use terravision_common::viewer::{
-    FlightNews, FlightState, FromViewer, SIDES_PX, StreamSettings, ViewerPose, ViewerSetup,
+    FlightState, FlightStatus, FromViewer, SIDES_PX, StreamSettings, ViewerPose, ViewerSetup,
 };
 use tokio::sync::{Semaphore, broadcast, watch};
-use wishes::{FlightOrder, MOST_PIXELS};
 
 /// Number of the protocol.
 pub(crate) const PROTOCOL: u32 = 1;
@@ -95,22 +106,38 @@ pub(crate) struct Hub {
     pub(crate) terrain: Terrain,
     pub(crate) encoder: Encoder,
     pub(crate) stills: Stills,
+    pub(crate) films: Films,
+    pub(crate) conversions: Conversions,
     pub(crate) poses: Poses,
     pub(crate) tally: Tally,
     /// Questions for heights that are answered at a time.
     pub(crate) reading: Semaphore,
+    /// Encoders of video that may be started.
+    pub(crate) encoders: Arc<Semaphore>,
+    pub(crate) recent: Recent,
     pub(crate) pictures: watch::Sender<Option<Arc<Picture>>>,
     pub(crate) exact: watch::Sender<Option<Arc<ExactPicture>>>,
     pub(crate) notices: broadcast::Sender<Arc<str>>,
     /// `state` of the protocol, as text.
     pub(crate) state: watch::Sender<Arc<str>>,
-    pub(crate) flight: watch::Sender<FlightNews>,
-    pub(crate) wish: watch::Sender<Option<FlightOrder>>,
+    /// `map` of the protocol, as text.
+    pub(crate) map: watch::Sender<Arc<str>>,
+    pub(crate) flight: watch::Sender<FlightStatus>,
+    pub(crate) order: watch::Sender<Option<FlightOrder>>,
     /// Metrics of the flight by name, or null.
     pub(crate) flight_metrics: watch::Sender<Value>,
     pub(crate) ending: watch::Sender<bool>,
+    /// Whether somebody looks, as the launcher was told.
+    audience: watch::Sender<bool>,
     link: LauncherLink,
     people: Mutex<People>,
+}
+
+/// The largest pictures of a flight that is to draw some of this size. Of two eyes it draws one
+/// size alone; else it has room for what it had room for before.
+fn room_for(size: [u32; 2], order: &FlightOrder) -> [u32; 2] {
+    let both = [0, 1].map(|axis| size[axis].max(order.size[axis]));
+    if order.settings.stereo().is_some() || both[0] * both[1] > MOST_PIXELS { size } else { both }
 }
 
 /// Why a client may not do what it asks for: a code and a sentence.
@@ -122,30 +149,28 @@ pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 impl Hub {
     pub(crate) fn new(link: LauncherLink, terrain: Terrain) -> Self {
-        let flight = FlightNews {
-            number: 0,
-            pid: 0,
-            state: FlightState::Starting,
-            reason: None,
-            size: [SIDES_PX[0]; 2],
-            settings: StreamSettings::default(),
-            metrics: None,
-        };
+        let flight = link.first_flight.clone();
         let hub = Self {
             terrain,
             encoder: Encoder::default(),
             stills: Stills::new(&link.setup),
+            films: Films::new(&link.setup),
+            conversions: Conversions::default(),
             poses: Poses::new(link.setup.start),
             tally: Tally::default(),
             reading: Semaphore::new(MOST_READING),
+            encoders: Arc::new(Semaphore::new(MOST_ENCODERS)),
+            recent: Recent::default(),
             pictures: watch::Sender::new(None),
             exact: watch::Sender::new(None),
             notices: broadcast::Sender::new(KEPT_NOTICES),
             state: watch::Sender::new(Arc::from("{}")),
+            map: watch::Sender::new(Arc::from("{}")),
             flight: watch::Sender::new(flight),
-            wish: watch::Sender::new(None),
+            order: watch::Sender::new(None),
             flight_metrics: watch::Sender::new(Value::Null),
             ending: watch::Sender::new(false),
+            audience: watch::Sender::new(false),
             link,
             people: Mutex::default(),
         };
@@ -164,24 +189,25 @@ impl Hub {
     }
 
     /// The flight has changed.
-    pub(crate) fn note_flight(&self, news: FlightNews) {
-        self.flight.send_replace(news);
+    pub(crate) fn note_flight(&self, flight: FlightStatus) {
+        self.flight.send_replace(flight);
         self.publish_state();
     }
 
     /// The first picture of a flight has come.
     pub(crate) fn note_flying(&self, number: u32) {
-        let is_new = |news: &mut FlightNews| {
-            let is_new = news.number == number && news.state != FlightState::Flying;
+        let is_new = |flight: &mut FlightStatus| {
+            let is_new = flight.number == number && flight.state != FlightState::Flying;
             if is_new {
-                (news.state, news.reason) = (FlightState::Flying, None);
+                (flight.state, flight.reason) = (FlightState::Flying, None);
             }
             is_new
         };
         if self.flight.send_if_modified(is_new) {
             self.link.tell(&FromViewer::Flying { number });
-            self.publish_state();
         }
+        // Its room for pictures is known now.
+        self.publish_state();
     }
 
     /// Tells all clients.
@@ -202,7 +228,7 @@ impl Hub {
         let flight = self.flight.borrow().clone();
         let people = lock(&self.people);
         json!({
-            "flight": flight.state, "reason": flight.reason, "size": flight.size, "settings": flight.settings,
+            "flight": flight.state, "reason": flight.reason, "size": self.size(), "settings": flight.settings,
             "pilot": people.pilot(), "people": people.names(),
         })
     }
@@ -249,6 +275,23 @@ impl Hub {
         self.people_changed();
     }
 
+    /// A client looks at a map, or no longer.
+    pub(crate) fn want_map(&self, client: u32, wanted: bool) {
+        lock(&self.people).want_map(client, wanted);
+        // It is told what there is, changed or not.
+        self.map.send_replace(Arc::from("{}"));
+    }
+
+    /// Whether a client looks at a map.
+    pub(crate) fn wants_map(&self, client: u32) -> bool {
+        lock(&self.people).wants_map(client)
+    }
+
+    /// Whether anybody does.
+    pub(crate) fn is_map_wanted(&self) -> bool {
+        lock(&self.people).is_map_wanted()
+    }
+
     /// How many clients there are.
     pub(crate) fn clients(&self) -> usize {
         lock(&self.people).count()
@@ -271,42 +314,55 @@ impl Hub {
     /// The window of a client has changed.
     pub(crate) fn resize(&self, client: u32, view: View) {
         lock(&self.people).resize(client, view);
-        self.wish_size();
+        self.order_size();
+        self.publish_state();
     }
 
     fn people_changed(&self) {
+        self.order_size();
         self.publish_state();
-        self.wish_size();
+        let looks = self.clients() > 0;
+        let is_new = |before: &mut bool| std::mem::replace(before, looks) != looks;
+        if self.audience.send_if_modified(is_new) {
+            self.link.tell(&FromViewer::Audience { looks });
+        }
     }
 
-    /// The flight is to have the size of the pilot's window.
-    fn wish_size(&self) {
+    /// Pictures are to have the size of the pilot's window; a flight that has no room for them is
+    /// started again with more.
+    fn order_size(&self) {
         let Some(size) = lock(&self.people).pilots_view().map(|view| view.size_px()) else { return };
-        self.change_wish(|wish| wish.size = size);
+        self.poses.set_size(size);
+        self.change_order(|order| order.size = room_for(size, order));
     }
 
-    fn change_wish(&self, change: impl FnOnce(&mut FlightOrder)) {
+    /// Size of the stream's pictures; while the camera moves they may be smaller.
+    pub(crate) fn size(&self) -> [u32; 2] {
+        self.poses.size()
+    }
+
+    fn change_order(&self, change: impl FnOnce(&mut FlightOrder)) {
         let flight = self.flight.borrow().clone();
-        self.wish.send_if_modified(|wish| {
-            let mut new = wish.clone().unwrap_or(FlightOrder { size: flight.size, settings: flight.settings });
+        self.order.send_if_modified(|order| {
+            let mut new = order.clone().unwrap_or(FlightOrder { size: flight.size, settings: flight.settings });
             change(&mut new);
-            let is_new = wish.as_ref() != Some(&new);
-            *wish = Some(new);
+            let is_new = order.as_ref() != Some(&new);
+            *order = Some(new);
             is_new
         });
     }
 
-    /// What was wished for cannot be flown; the wish is to be what is flown, so that the next one
+    /// What was ordered cannot be flown; the order is to be what is flown, so that the next one
     /// does not repeat it.
-    pub(crate) fn forget_wish(&self, size: [u32; 2], settings: StreamSettings) {
-        self.wish.send_if_modified(|wish| {
-            *wish = Some(FlightOrder { size, settings });
+    pub(crate) fn forget_order(&self, size: [u32; 2], settings: StreamSettings) {
+        self.order.send_if_modified(|order| {
+            *order = Some(FlightOrder { size, settings });
             // The launcher knows.
             false
         });
     }
 
-    fn check_writable(&self) -> Result<(), Refusal> {
+    pub(crate) fn check_writable(&self) -> Result<(), Refusal> {
         if self.setup().is_read_only {
             return Err(("read-only", "this server is read-only: nobody moves the camera or changes settings".into()));
         }
@@ -325,12 +381,16 @@ impl Hub {
     pub(crate) fn set_settings(&self, client: u32, change: impl FnOnce(&mut StreamSettings)) -> Result<(), Refusal> {
         self.check_pilot(client)?;
         let flight = self.flight.borrow().settings.clone();
-        let mut settings = self.wish.borrow().as_ref().map_or(flight, |wish| wish.settings.clone());
+        let mut settings = self.order.borrow().as_ref().map_or(flight, |order| order.settings.clone());
         change(&mut settings);
         if let Some(fault) = settings.fault() {
             return Err(("bad-settings", fault));
         }
-        self.change_wish(|wish| wish.settings = settings);
+        let size = lock(&self.people).pilots_view().map(|view| view.size_px());
+        self.change_order(|order| {
+            order.settings = settings;
+            order.size = size.map_or(order.size, |size| room_for(size, order));
+        });
         Ok(())
     }
 
@@ -358,11 +418,13 @@ impl Hub {
         self.exact.borrow().clone().filter(|exact| exact.picture.scene() == scene)
     }
 
-    /// The exact picture at a pose, at the size and in the settings of the flight where these are
-    /// not given.
-    pub(crate) fn still_order(&self, pose: ViewerPose, size: Option<[u32; 2]>) -> StillOrder {
+    /// The exact picture at a pose, in the settings of the flight, at its size where none is given.
+    /// `has_stereo`: with both eyes, where the flight shows two.
+    pub(crate) fn still_order(&self, pose: ViewerPose, size: Option<[u32; 2]>, has_stereo: bool) -> StillOrder {
         let flight = self.flight.borrow();
-        StillOrder { pose, size: size.unwrap_or(flight.size), settings: flight.settings.clone() }
+        let mut settings = flight.settings.clone();
+        settings.stereo = settings.stereo.filter(|_| has_stereo);
+        StillOrder { pose, size: settings.eye_size(size.unwrap_or(self.size())), settings }
     }
 
     /// A pose by its time, or the pose of a frame that nobody here has sent.

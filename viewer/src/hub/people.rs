@@ -1,9 +1,9 @@
 //! Who is there, and who is the pilot.
 
 use super::Refusal;
-use super::wishes::MOST_PIXELS;
+use super::orders::MOST_PIXELS;
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use terravision_common::viewer::SIDES_PX;
 
 /// Most clients at a time.
@@ -48,6 +48,8 @@ pub(crate) struct Hello {
     pub(crate) view: View,
     /// It never becomes the pilot unasked.
     pub(crate) only_watches: bool,
+    /// It decodes H.264.
+    pub(crate) has_video: bool,
 }
 
 /// Who is there.
@@ -56,6 +58,8 @@ pub(crate) struct People {
     clients: BTreeMap<u32, Hello>,
     pilot: Option<u32>,
     last: u32,
+    /// Those who look at a map.
+    with_map: BTreeSet<u32>,
 }
 
 impl People {
@@ -73,7 +77,24 @@ impl People {
 
     pub(crate) fn leave(&mut self, client: u32) {
         self.clients.remove(&client);
+        self.with_map.remove(&client);
         self.release(client);
+    }
+
+    pub(crate) fn want_map(&mut self, client: u32, wanted: bool) {
+        if wanted {
+            self.with_map.insert(client);
+        } else {
+            self.with_map.remove(&client);
+        }
+    }
+
+    pub(crate) fn wants_map(&self, client: u32) -> bool {
+        self.with_map.contains(&client)
+    }
+
+    pub(crate) fn is_map_wanted(&self) -> bool {
+        !self.with_map.is_empty()
     }
 
     pub(crate) fn take_over(&mut self, client: u32) {
@@ -128,7 +149,7 @@ mod tests {
     use super::*;
 
     fn hello(only_watches: bool) -> Hello {
-        Hello { name: "A\nb".into(), view: View::new([800.0, 600.0], 1.0).unwrap(), only_watches }
+        Hello { name: "A\nb".into(), view: View::new([800.0, 600.0], 1.0).unwrap(), only_watches, has_video: false }
     }
 
     #[test]

@@ -10,8 +10,19 @@ use tokio::sync::watch;
 
 /// Poses that are remembered until their frames come.
 const KEPT_POSES: usize = 512;
+/// Size of pictures until a pilot's window says otherwise.
+const FIRST_SIZE: [u32; 2] = [960, 540];
 /// Two poses are this far apart in time at least, seconds.
 const LEAST_STEP_S: f64 = 1e-6;
+
+/// The sizes that a flight can draw.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Room {
+    /// The largest.
+    pub(crate) size: [u32; 2],
+    /// Whether poses may ask for smaller ones.
+    pub(crate) has_sizes: bool,
+}
 
 #[derive(Debug)]
 struct Sending {
@@ -20,6 +31,14 @@ struct Sending {
     /// Poses that were sent, the newest last; never empty.
     sent: VecDeque<SentPose>,
     newest: SentPose,
+    /// Of the flight that there is.
+    room: Room,
+    /// Wanted size of pictures.
+    size: [u32; 2],
+    /// Share of their sides that pictures have while the camera moves.
+    share: f64,
+    /// Where the camera is is not known yet: an earlier viewer has steered it.
+    is_quiet: bool,
 }
 
 /// Poses on their way to the flight.
@@ -33,30 +52,69 @@ pub(crate) struct Poses {
 impl Poses {
     pub(crate) fn new(start: ViewerPose) -> Self {
         let newest = SentPose { pose: start, time_s: now_ms() / 1e3, client: 0, id: 0, received_ms: now_ms() };
-        let sending = Sending { sender: None, sent: VecDeque::from([newest]), newest };
+        let sent = VecDeque::from([newest]);
+        let (room, size) = (Room { size: [0; 2], has_sizes: false }, FIRST_SIZE);
+        let sending = Sending { sender: None, sent, newest, room, size, share: 1.0, is_quiet: false };
         Self { sending: Mutex::new(sending), changed: watch::Sender::new(newest.time_s) }
     }
 
     /// The camera goes there.
     pub(crate) fn send(&self, client: u32, id: u32, pose: ViewerPose) {
         let mut sending = lock(&self.sending);
-        let received_ms = now_ms();
-        let time_s = (received_ms / 1e3).max(sending.newest.time_s + LEAST_STEP_S);
+        let (received_ms, time_s) = (now_ms(), sending.next_time_s());
         sending.replace(SentPose { pose, time_s, client, id, received_ms });
         self.changed.send_replace(time_s);
     }
 
-    /// A flight has begun: it goes where the camera is.
-    pub(crate) fn attach(&self, sender: PoseSender) {
+    /// Pictures are to have this size, as far as the flight has room for it: they are drawn anew.
+    pub(crate) fn set_size(&self, size: [u32; 2]) {
         let mut sending = lock(&self.sending);
-        sending.sender = Some(sender);
+        if sending.size != size {
+            sending.size = size;
+            self.again(&mut sending);
+        }
+    }
+
+    /// The camera moves, or rests, and pictures have this share of their sides meanwhile.
+    pub(crate) fn set_share(&self, share: f64) {
+        let mut sending = lock(&self.sending);
+        let is_larger = share > sending.share;
+        sending.share = share;
+        if is_larger {
+            self.again(&mut sending);
+        }
+    }
+
+    /// The size that pictures of the newest pose have, where nothing makes them smaller.
+    pub(crate) fn size(&self) -> [u32; 2] {
+        let sending = lock(&self.sending);
+        // Before the first flight of this viewer it is what is asked for.
+        let is_known = sending.room.size != [0; 2];
+        if is_known && !sending.fits() { sending.room.size } else { sending.size }
+    }
+
+    /// The newest pose is drawn anew, as another scene.
+    fn again(&self, sending: &mut Sending) {
+        if sending.is_quiet {
+            return;
+        }
+        let time_s = sending.next_time_s();
+        sending.replace(SentPose { time_s, ..sending.newest });
+        self.changed.send_replace(time_s);
+    }
+
+    /// A flight has begun: it goes where the camera is.
+    pub(crate) fn attach(&self, sender: PoseSender, room: Room) {
+        let mut sending = lock(&self.sending);
+        (sending.sender, sending.room, sending.is_quiet) = (Some(sender), room, false);
         sending.tell();
     }
 
     /// A flight goes on that an earlier viewer has steered: it is not told where to go until its
     /// first frame has told where the camera is.
-    pub(crate) fn attach_quietly(&self, sender: PoseSender) {
-        lock(&self.sending).sender = Some(sender);
+    pub(crate) fn attach_quietly(&self, sender: PoseSender, room: Room) {
+        let mut sending = lock(&self.sending);
+        (sending.sender, sending.room, sending.is_quiet) = (Some(sender), room, true);
     }
 
     /// The camera is where a frame of an earlier viewer shows it, which nobody here has moved yet.
@@ -68,6 +126,10 @@ impl Poses {
         if sending.newest.client == 0 {
             sending.newest = adopted;
             self.changed.send_replace(time_s);
+        }
+        if std::mem::take(&mut sending.is_quiet) {
+            // Somebody may have come with another window.
+            self.again(&mut sending);
         }
         adopted
     }
@@ -89,7 +151,29 @@ impl Poses {
 }
 
 impl Sending {
+    fn next_time_s(&self) -> f64 {
+        (now_ms() / 1e3).max(self.newest.time_s + LEAST_STEP_S)
+    }
+
+    /// Whether the flight can draw the wanted size: it refuses poses with larger ones.
+    fn fits(&self) -> bool {
+        self.room.has_sizes && (0..2).all(|axis| self.size[axis] <= self.room.size[axis])
+    }
+
+    /// What the flight is told; zeros where it has one size only.
+    fn told_size(&self) -> [u32; 2] {
+        let smaller = |side: u32| ((f64::from(side) * self.share / 2.0).round() as u32 * 2).max(2);
+        if !self.fits() {
+            [0; 2]
+        } else if self.share < 1.0 {
+            self.size.map(smaller)
+        } else {
+            self.size
+        }
+    }
+
     fn replace(&mut self, pose: SentPose) {
+        self.is_quiet = false;
         self.newest = pose;
         self.remember(pose);
         self.tell();
@@ -111,6 +195,7 @@ impl Sending {
             roll_deg: pose.roll,
             vfov_deg: pose.vfov,
             time_s,
+            size: self.told_size(),
             is_end: false,
         };
         self.sender.iter().for_each(|sender| {

@@ -1,10 +1,11 @@
 //! Messages of clients: read, checked, done.
 
-use crate::hub::{Hello, Hub, PROTOCOL, Refusal, View};
+use crate::hub::{Hello, Hub, PROTOCOL, Refusal, View, lock};
 use crate::picture::now_ms;
-use crate::socket::pick::pick;
+use crate::socket::pick::{SentPictures, pick};
 use serde::{Deserialize, Deserializer};
 use serde_json::{Value, json};
+use std::sync::Mutex;
 use terravision_common::viewer::{StreamSettings, ViewerPose};
 
 /// A message of a client.
@@ -22,6 +23,8 @@ pub(crate) enum ClientMessage {
         dpr: f64,
         #[serde(default)]
         watch: bool,
+        #[serde(default)]
+        h264: bool,
     },
     Pose {
         id: u32,
@@ -34,9 +37,7 @@ pub(crate) enum ClientMessage {
         dpr: f64,
     },
     Settings(SettingsChange),
-    Ack {
-        n: u32,
-    },
+    Ack(Acknowledgement),
     Pick {
         id: u32,
         u: f64,
@@ -44,11 +45,30 @@ pub(crate) enum ClientMessage {
         #[serde(default)]
         n: Option<u32>,
     },
+    Map {
+        wanted: bool,
+    },
     TakeOver,
     Release,
     Ping {
         id: u32,
     },
+    Probed {
+        time_ms: f64,
+    },
+}
+
+/// A picture has come.
+#[derive(Debug, Clone, Copy, Default, Deserialize)]
+pub(crate) struct Acknowledgement {
+    /// Its number.
+    pub(crate) n: u32,
+    /// How long it took to decode and show it, milliseconds.
+    #[serde(default)]
+    pub(crate) ms: f64,
+    /// It could not be decoded.
+    #[serde(default)]
+    pub(crate) failed: bool,
 }
 
 fn one() -> f64 {
@@ -72,6 +92,18 @@ pub(crate) struct SettingsChange {
     exaggeration: Option<Option<f64>>,
     #[serde(deserialize_with = "named")]
     overlay: Option<Option<String>>,
+    #[serde(deserialize_with = "named")]
+    sun: Option<Option<String>>,
+    #[serde(deserialize_with = "named")]
+    shadows: Option<Option<bool>>,
+    #[serde(deserialize_with = "named")]
+    haze: Option<Option<f64>>,
+    #[serde(deserialize_with = "named")]
+    stereo: Option<Option<String>>,
+    #[serde(deserialize_with = "named")]
+    eye_separation: Option<Option<f64>>,
+    #[serde(deserialize_with = "named")]
+    convergence: Option<Option<f64>>,
 }
 
 /// Tells `null` from a key that is missing.
@@ -93,6 +125,12 @@ impl SettingsChange {
         set(&mut settings.technique, self.technique, &defaults.technique);
         set(&mut settings.exaggeration, self.exaggeration, &defaults.exaggeration);
         set(&mut settings.overlay, self.overlay, &defaults.overlay);
+        set(&mut settings.sun, self.sun, &defaults.sun);
+        set(&mut settings.shadows, self.shadows, &defaults.shadows);
+        set(&mut settings.haze, self.haze, &defaults.haze);
+        set(&mut settings.stereo, self.stereo, &defaults.stereo);
+        set(&mut settings.eye_separation, self.eye_separation, &defaults.eye_separation);
+        set(&mut settings.convergence, self.convergence, &defaults.convergence);
     }
 }
 
@@ -109,11 +147,13 @@ impl ClientMessage {
             Self::Pose { .. } => "pose",
             Self::Size { .. } => "size",
             Self::Settings(_) => "settings",
-            Self::Ack { .. } => "ack",
+            Self::Ack(_) => "ack",
             Self::Pick { .. } => "pick",
+            Self::Map { .. } => "map",
             Self::TakeOver => "take-over",
             Self::Release => "release",
             Self::Ping { .. } => "ping",
+            Self::Probed { .. } => "probed",
         }
     }
 }
@@ -121,7 +161,7 @@ impl ClientMessage {
 /// How a client introduces itself, or why it may not stay. `is_known`: it has shown the token
 /// already.
 pub(crate) fn introduce(message: ClientMessage, hub: &Hub, is_known: bool) -> Result<Hello, Refusal> {
-    let ClientMessage::Hello { protocol, token, name, size, dpr, watch } = message else {
+    let ClientMessage::Hello { protocol, token, name, size, dpr, watch, h264 } = message else {
         return Err(("no-hello", format!("expected hello as the first message, found {}", message.name())));
     };
     if !is_known && !crate::socket::is_token(hub, token.as_deref()) {
@@ -131,12 +171,12 @@ pub(crate) fn introduce(message: ClientMessage, hub: &Hub, is_known: bool) -> Re
         let text = format!("the server speaks protocol {PROTOCOL}, and the client {protocol}: load the page again");
         return Err(("wrong-protocol", text));
     }
-    Ok(Hello { name, view: View::new(size, dpr)?, only_watches: watch })
+    Ok(Hello { name, view: View::new(size, dpr)?, only_watches: watch, has_video: h264 })
 }
 
 /// Does what a message says. What is to be answered, if anything is; acknowledgements are the
 /// session's own business.
-pub(crate) fn act(message: ClientMessage, hub: &Hub, client: u32) -> Option<Value> {
+pub(super) fn act(message: ClientMessage, hub: &Hub, client: u32, sent: &Mutex<SentPictures>) -> Option<Value> {
     let name = message.name();
     let done = match message {
         ClientMessage::Hello { .. } => Err(("malformed", "hello comes once, as the first message".to_owned())),
@@ -149,13 +189,16 @@ pub(crate) fn act(message: ClientMessage, hub: &Hub, client: u32) -> Option<Valu
             let defaults = &hub.setup().defaults;
             hub.set_settings(client, |settings| change.apply(settings, defaults)).map(|()| None)
         }
-        ClientMessage::Ack { .. } => Ok(None),
-        ClientMessage::Pick { id, u, v, n } => pick(hub, [u, v]).map(|found| {
-            let mut answer = json!({"type": "picked", "id": id, "n": n});
-            answer["point"] = json!(found.map(|(point, _)| point));
-            answer["distance_m"] = json!(found.map(|(_, distance)| distance));
-            Some(answer)
+        ClientMessage::Ack(_) | ClientMessage::Probed { .. } => Ok(None),
+        ClientMessage::Pick { id, u, v, n } => pick(hub, &lock(sent), [u, v], n).map(|(seen, is_meant)| {
+            let (point, distance_m) = (seen.map(|seen| seen.place.to_array()), seen.map(|seen| seen.distance_m));
+            let n = n.filter(|_| is_meant);
+            Some(json!({"type": "picked", "id": id, "n": n, "point": point, "distance_m": distance_m}))
         }),
+        ClientMessage::Map { wanted } => {
+            hub.want_map(client, wanted);
+            Ok(None)
+        }
         ClientMessage::TakeOver => hub.take_over(client).map(|()| None),
         ClientMessage::Release => {
             hub.release(client);

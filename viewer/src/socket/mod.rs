@@ -4,15 +4,18 @@
 mod message;
 mod pick;
 mod present;
+mod video;
 mod writer;
 
 use crate::hub::{Hello, Hub, MESSAGES_PER_S, Refusal, Tally};
+use crate::picture::now_ms;
 use axum::extract::ws::{Message, WebSocket};
 use futures_util::StreamExt;
 use futures_util::stream::SplitStream;
-use message::ClientMessage;
+use message::{Acknowledgement, ClientMessage};
+use pick::SentPictures;
 use serde_json::json;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use subtle::ConstantTimeEq;
 use tokio::sync::{mpsc, watch};
@@ -37,7 +40,10 @@ pub(crate) async fn run(socket: WebSocket, hub: Arc<Hub>, is_known: bool) {
     let (sink, mut stream) = socket.split();
     let mut writer = writer::Writer::new(sink, Arc::clone(&hub));
     let entered = match first(&mut stream, &hub, is_known).await {
-        Ok(hello) => hub.enter(hello),
+        Ok(hello) => {
+            writer.has_video(hello.has_video);
+            hub.enter(hello)
+        }
         Err(refusal) => Err(refusal),
     };
     let client = match entered {
@@ -50,11 +56,13 @@ pub(crate) async fn run(socket: WebSocket, hub: Arc<Hub>, is_known: bool) {
     // Given up when all is said.
     let _seat = Seat { hub: Arc::clone(&hub), client };
     let (answers, waiting) = mpsc::channel(MOST_ANSWERS);
-    let (acknowledge, acknowledged) = watch::channel(0);
-    let mut reader = Reader { hub, client, answers, acknowledge, errors: 0, window: (Instant::now(), 0) };
+    let (acknowledge, acknowledged) = watch::channel(Acknowledgement::default());
+    let (round_trip, round_trips) = watch::channel(f64::NAN);
+    let (sent, window) = (writer.sent_pictures(), (Instant::now(), 0));
+    let mut reader = Reader { hub, client, answers, acknowledge, round_trip, sent, errors: 0, window };
     let refusal = tokio::select! {
         refusal = reader.run(&mut stream) => refusal,
-        refusal = writer.run(client, waiting, acknowledged) => refusal,
+        refusal = writer.run(client, waiting, acknowledged, round_trips) => refusal,
     };
     if let Some(refusal) = refusal {
         writer.bye(&refusal).await;
@@ -94,7 +102,11 @@ struct Reader {
     hub: Arc<Hub>,
     client: u32,
     answers: mpsc::Sender<String>,
-    acknowledge: watch::Sender<u32>,
+    acknowledge: watch::Sender<Acknowledgement>,
+    /// How long a message without content took, there and back, milliseconds.
+    round_trip: watch::Sender<f64>,
+    /// Which pictures the client was sent.
+    sent: Arc<Mutex<SentPictures>>,
     errors: u32,
     /// Since when messages are counted, and how many.
     window: (Instant, u32),
@@ -134,11 +146,19 @@ impl Reader {
     /// Does what a message says, and answers. Why the client has to go, if it has to.
     fn take(&mut self, text: &str) -> Option<Refusal> {
         let answer = match ClientMessage::read(text) {
-            Ok(ClientMessage::Ack { n }) => {
-                self.acknowledge.send_replace(n);
+            Ok(ClientMessage::Ack(acknowledgement)) => {
+                self.acknowledge.send_replace(acknowledgement);
                 None
             }
-            Ok(message) => message::act(message, &self.hub, self.client),
+            Ok(ClientMessage::Probed { time_ms }) => {
+                // Any number may come back.
+                let took_ms = now_ms() - time_ms;
+                if (0.0..1e5).contains(&took_ms) {
+                    self.round_trip.send_replace(took_ms);
+                }
+                None
+            }
+            Ok(message) => message::act(message, &self.hub, self.client, &self.sent),
             Err((code, text)) => Some(json!({"type": "error", "code": code, "text": text, "about": null})),
         }?;
         if answer["type"] == "error" {
@@ -146,8 +166,8 @@ impl Reader {
             self.errors += 1;
         }
         let is_stuck = self.answers.try_send(answer.to_string()).is_err();
-        if self.errors > MOST_ERRORS {
-            return Some(("too-many-errors", format!("more than {MOST_ERRORS} messages were refused")));
+        if self.errors >= MOST_ERRORS {
+            return Some(("too-many-errors", format!("{MOST_ERRORS} messages were refused")));
         }
         is_stuck.then(|| ("too-fast", format!("{MOST_ANSWERS} answers wait to be read")))
     }

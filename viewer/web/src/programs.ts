@@ -1,3 +1,4 @@
+import { nearWorld } from './math/navigate';
 import { isPose, type Pose } from './math/pose';
 import type { LatencySummary } from './state/latency';
 import type { Viewer } from './state/viewer';
@@ -8,7 +9,7 @@ export interface FrameOfPrograms {
   pose: Pose;
   width: number;
   height: number;
-  kind: 'jpeg' | 'png';
+  kind: 'jpeg' | 'png' | 'h264';
   isAtRest: boolean;
   isExact: boolean;
   /** Red, green, blue and 255 of every pixel, rows from the top. */
@@ -40,8 +41,12 @@ export function programsOf(viewer: Viewer, motion: Motion): Programs {
     async goTo(change, options) {
       const pose = { ...viewer.pose, ...change };
       if (!isPose(pose)) throw new Error('goTo: expected finite numbers x, y, z, heading, pitch (-90 to 90), roll, vfov (1 to 170)');
+      const seconds = options?.seconds;
+      if (seconds !== undefined && !(seconds >= 0 && Number.isFinite(seconds))) throw new Error(`goTo: expected seconds from 0, found ${String(seconds)}`);
+      const bounds = viewer.store.get().world?.bounds;
+      if (bounds !== undefined && nearWorld(pose, bounds) !== pose) throw new Error(`goTo: expected a place near the world, found ${pose.x}, ${pose.y}`);
       if (!viewer.isPilot) throw new Error('goTo: another one is the pilot');
-      await motion.goTo(pose, options?.seconds);
+      await motion.goTo(pose, seconds);
     },
     settled: () =>
       new Promise((resolve) => {

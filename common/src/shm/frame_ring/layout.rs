@@ -16,7 +16,7 @@ pub(super) const POSE_TIMES_OFFSET: u64 = 4096;
 pub(super) const POSE_TIME_BYTES: u64 = 16;
 /// Bytes of a slot before its pixels.
 pub(super) const SLOT_HEADER_BYTES: u64 = 256;
-/// The planes and the size of all frames of a ring.
+/// The planes of all frames of a ring, and the size of the largest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FrameShape {
     /// Width and height, pixels.
@@ -29,6 +29,11 @@ pub struct FrameShape {
 
 const HAS_DEPTH: u32 = 1;
 const HAS_GROUND: u32 = 2;
+
+/// Pixels of a picture.
+pub(super) fn pixels_of([width, height]: [u32; 2]) -> u64 {
+    u64::from(width) * u64::from(height)
+}
 
 /// Offsets, in bytes; those of planes from the start of a slot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -84,7 +89,7 @@ impl RingLayout {
         if !(1..=LARGEST_SIDE).contains(&width) || !(1..=LARGEST_SIDE).contains(&height) || !(2..=64).contains(&slots) {
             return None;
         }
-        let pixels = u64::from(width) * u64::from(height);
+        let pixels = pixels_of(shape.size);
         let mut end = SLOT_HEADER_BYTES;
         // 2^32 pixels of 24 bytes and 64 slots are far from the end of u64.
         let mut plane = |bytes_per_pixel: u64, is_there: bool| {
@@ -101,8 +106,10 @@ impl RingLayout {
         Some(Self { shape, slots, slots_offset, slot_bytes, color, depth, ground, total_bytes })
     }
 
-    pub(super) fn pixels(&self) -> u64 {
-        u64::from(self.shape.size[0]) * u64::from(self.shape.size[1])
+    /// The size that a slot tells of, where the ring has room for it; else that of the largest.
+    pub(super) fn checked_size(&self, told: [u32; 2]) -> [u32; 2] {
+        let is_ours = (0..2).all(|axis| (1..=self.shape.size[axis]).contains(&told[axis]));
+        if is_ours { told } else { self.shape.size }
     }
 
     fn planes(&self) -> u32 {

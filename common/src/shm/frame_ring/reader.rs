@@ -5,7 +5,7 @@ use super::super::error::ShmError;
 use super::super::frame_core::{FrameSlot, newest};
 use super::super::named::{self, FRAMES, SharedName};
 use super::super::region::Region;
-use super::layout::{FrameShape, RING_HEADER_OFFSET, RingHeader, RingLayout};
+use super::layout::{FrameShape, RING_HEADER_OFFSET, RingHeader, RingLayout, pixels_of};
 use super::slot::{FrameInfo, plane};
 use crate::sync::{AtomicU64, Ordering};
 
@@ -58,7 +58,7 @@ impl FrameRingReader {
         Ok(Self { region, layout, name, seen: 0 })
     }
 
-    /// What its frames have.
+    /// What its frames have, and the size of the largest.
     #[must_use]
     pub fn shape(&self) -> FrameShape {
         self.layout.shape
@@ -100,8 +100,10 @@ impl FrameRingReader {
             let slot = FrameSlot { sequence, words };
             let layout = &self.layout;
             let copied = slot.copy(number, |words| {
-                into.info = Some(FrameInfo::load(words));
-                load_planes(words, layout, into);
+                let info = FrameInfo::load(words);
+                let size = layout.checked_size(info.size);
+                into.info = Some(FrameInfo { size, ..info });
+                load_planes(words, layout, pixels_of(size), into);
             });
             if copied.is_some() {
                 into.number = number;
@@ -120,8 +122,7 @@ impl FrameRingReader {
     }
 }
 
-fn load_planes(words: &[AtomicU64], layout: &RingLayout, into: &mut SharedFrame) {
-    let pixels = layout.pixels();
+fn load_planes(words: &[AtomicU64], layout: &RingLayout, pixels: u64, into: &mut SharedFrame) {
     let load = |word: &AtomicU64| word.load(Ordering::Relaxed);
     let color = plane(words, layout.color, pixels * 4);
     into.rgba.clear();

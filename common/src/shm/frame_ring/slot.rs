@@ -2,7 +2,8 @@
 
 use super::super::error::ShmError;
 use super::super::public_file::PublicFile;
-use super::layout::{RingLayout, SLOT_HEADER_BYTES};
+use super::super::size::{pack_size, unpack_size};
+use super::layout::{RingLayout, SLOT_HEADER_BYTES, pixels_of};
 use crate::camera::Camera;
 use crate::sync::{AtomicU64, Ordering};
 
@@ -29,17 +30,20 @@ pub struct FrameInfo {
     pub roll_deg: f64,
     /// Vertical field of view, degrees.
     pub vfov_deg: f64,
+    /// Width and height of its picture, pixels: at most those of the ring.
+    pub size: [u32; 2],
     /// Whether every tile that it wanted was drawn.
     pub is_settled: bool,
 }
 
 /// Words of a [`FrameInfo`].
-const INFO_WORDS: usize = 12;
+const INFO_WORDS: usize = 13;
 const IS_SETTLED: u64 = 1;
 const _: () = assert!(8 + INFO_WORDS as u64 * 8 <= SLOT_HEADER_BYTES);
 
 impl FrameInfo {
-    /// The description of a frame of this camera over a world with this origin.
+    /// The description of a frame of this camera, whose picture is all of it, over a world with this
+    /// origin.
     #[must_use]
     pub fn new(frame: u64, camera: &Camera, origin: [f64; 2], is_settled: bool, published_nanos: u64) -> Self {
         let [x, y, z] = camera.fields().eye_in_world;
@@ -53,6 +57,7 @@ impl FrameInfo {
             pitch_deg: camera.pitch_rad().to_degrees(),
             roll_deg: camera.roll_rad().to_degrees(),
             vfov_deg: camera.vfov_rad().to_degrees(),
+            size: [camera.width(), camera.height()],
             is_settled,
         }
     }
@@ -63,7 +68,8 @@ impl FrameInfo {
         let [heading, pitch, roll, vfov] = angles;
         let time = self.pose_time_s.to_bits();
         let flags = if self.is_settled { IS_SETTLED } else { 0 };
-        [self.frame, self.published_nanos, self.camera_nanos, time, x, y, z, heading, pitch, roll, vfov, flags]
+        let size = pack_size(self.size);
+        [self.frame, self.published_nanos, self.camera_nanos, time, x, y, z, heading, pitch, roll, vfov, flags, size]
     }
 
     pub(super) fn load(words: &[AtomicU64]) -> Self {
@@ -79,6 +85,7 @@ impl FrameInfo {
             pitch_deg: number(8),
             roll_deg: number(9),
             vfov_deg: number(10),
+            size: unpack_size(word(12)),
             is_settled: word(11) & IS_SETTLED != 0,
         }
     }
@@ -109,7 +116,8 @@ pub(super) fn store(
 ) -> Result<(), ShmError> {
     // In any order: SYNC frame.begin and frame.end order all stores.
     file.write_words(offset + 8, &info.words())?;
-    let pixels = layout.pixels() as usize;
+    // The planes are where those of the largest picture are; a smaller one fills their beginnings.
+    let pixels = pixels_of(layout.checked_size(info.size)) as usize;
     file.write_at(offset + layout.color, &rgba[..rgba.len().min(pixels * 4)])?;
     if layout.shape.has_depth {
         let depth = depth.chain(std::iter::repeat(f32::NAN)).take(pixels);

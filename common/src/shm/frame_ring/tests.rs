@@ -27,6 +27,7 @@ fn info(frame: u64) -> FrameInfo {
         pitch_deg: 5.0,
         roll_deg: 6.0,
         vfov_deg: 60.0,
+        size: [0; 2],
         is_settled: frame.is_multiple_of(2),
     }
 }
@@ -37,6 +38,10 @@ fn write(writer: &mut FrameRingWriter, frame: u64, pixels: usize) -> u64 {
     let depth = std::iter::repeat_n(frame as f32, pixels);
     let ground = std::iter::repeat_n([frame as f64; 3], pixels);
     writer.write(&info(frame), &rgba, depth, ground).unwrap()
+}
+
+fn sized(frame: u64, size: [u32; 2]) -> FrameInfo {
+    FrameInfo { size, ..info(frame) }
 }
 
 fn assert_whole(frame: &SharedFrame, pixels: usize) {
@@ -66,7 +71,7 @@ fn frames_come_out_as_they_went_in_and_the_newest_wins() {
         let got = frame.info.unwrap();
         let (time, expected) = (got.pose_time_s, info(number));
         assert!(if number == 8 { time == 12.5 } else { time.is_nan() });
-        assert_eq!(FrameInfo { pose_time_s: 0.0, ..got }, FrameInfo { pose_time_s: 0.0, ..expected });
+        assert_eq!(FrameInfo { pose_time_s: 0.0, ..got }, FrameInfo { pose_time_s: 0.0, size: shape.size, ..expected });
         assert!(!reader.read(&mut frame).unwrap(), "nothing new");
     }
     // A reader that slept sees the newest alone.
@@ -82,6 +87,30 @@ fn frames_come_out_as_they_went_in_and_the_newest_wins() {
     assert!(!reader.is_ended());
     drop(ring);
     assert!(reader.is_ended() && FrameRingReader::open(&name).is_err());
+}
+
+#[test]
+fn pictures_may_be_smaller_than_the_largest() {
+    let name = unique("sizes");
+    let shape = shape([5, 3]);
+    let _ring = FrameRing::create(&name, shape).unwrap();
+    let mut writer = FrameRingWriter::open(&name, shape).unwrap();
+    let mut reader = FrameRingReader::open(&name).unwrap();
+    let mut frame = SharedFrame::default();
+    for (number, size) in [(1u64, [5u32, 3u32]), (2, [2, 3]), (3, [5, 1]), (4, [5, 3])] {
+        let pixels = (size[0] * size[1]) as usize;
+        let planes = (std::iter::repeat_n(number as f32, pixels), std::iter::repeat_n([number as f64; 3], pixels));
+        writer.write(&sized(number, size), &vec![number as u8; pixels * 4], planes.0, planes.1).unwrap();
+        assert!(reader.read(&mut frame).unwrap());
+        assert_eq!(frame.info.unwrap().size, size);
+        assert_whole(&frame, pixels);
+    }
+    // What no picture of the ring can have is not believed.
+    for size in [[6, 3], [0, 3], [5, u32::MAX]] {
+        writer.write(&sized(9, size), &[9; 60], std::iter::repeat(9.0), std::iter::repeat([9.0; 3])).unwrap();
+        assert!(reader.read(&mut frame).unwrap() && frame.info.unwrap().size == [5, 3]);
+        assert_whole(&frame, 15);
+    }
 }
 
 #[test]
@@ -173,7 +202,10 @@ proptest! {
         for reader in [Some(&mut attached), FrameRingReader::open(&name).ok().as_mut()].into_iter().flatten() {
             for _ in 0..3 {
                 if let Ok(true) = reader.read(&mut frame) {
-                    prop_assert!(frame.rgba.len() == 64 && frame.depth.len() == 16 && frame.ground.len() == 48);
+                    let [width, height] = frame.info.unwrap().size;
+                    let pixels = (width * height) as usize;
+                    prop_assert!(width <= 4 && height <= 4 && frame.rgba.len() == 4 * pixels);
+                    prop_assert!(frame.depth.len() == pixels && frame.ground.len() == 3 * pixels);
                 }
             }
         }

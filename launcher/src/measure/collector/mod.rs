@@ -21,6 +21,9 @@ use terravision_common::shm::Stage;
 
 /// More frames than this are never under way: the camera ring and the ring hold less.
 const FRAMES_UNDER_WAY: usize = 8192;
+/// Of a flight without an end of which nobody wants a report this many frames are kept, and at most
+/// twice as many; and as many answers to requests for tiles.
+const KEPT: usize = 2048;
 
 /// How rays are cast.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -52,9 +55,13 @@ impl EventText {
 #[derive(Debug)]
 pub struct Collector {
     first_frame: FrameNumber,
-    /// Frames that are kept, at most.
-    most_frames: usize,
-    /// By frame, from the first.
+    /// Frames that the flight has, at most.
+    most_frames: u64,
+    /// Whether old frames are forgotten.
+    is_forgetful: bool,
+    /// Frames that were forgotten, from the first.
+    forgotten: u64,
+    /// By frame, from the first that is kept.
     pub frames: Vec<FrameStats>,
     /// Tiles that could not be read, and why.
     pub unavailable: BTreeMap<Tile, TileFailure>,
@@ -83,7 +90,9 @@ impl Collector {
     pub fn new(first_frame: FrameNumber, count: usize, is_traced: bool) -> Self {
         Self {
             first_frame,
-            most_frames: count,
+            most_frames: count as u64,
+            is_forgetful: false,
+            forgotten: 0,
             frames: vec![FrameStats::default(); count],
             unavailable: BTreeMap::new(),
             came_later: 0,
@@ -100,20 +109,17 @@ impl Collector {
         }
     }
 
-    /// With `is_open` the number of frames is not known: as many are kept as a path may have.
+    /// The number of frames is not known: as many are kept as a path may have, or, when nobody
+    /// wants a report of each, the last ones of any number.
     #[must_use]
-    pub fn open_ended(mut self, is_open: bool) -> Self {
-        if is_open {
-            self.most_frames = MAX_FRAMES as usize;
-        }
-        self
+    pub fn open_ended(self, is_forgetful: bool) -> Self {
+        Self { most_frames: if is_forgetful { u64::MAX } else { MAX_FRAMES }, is_forgetful, ..self }
     }
 
     /// Notes when the pose of each frame came: until then the pipeline had nothing to do.
     pub fn note_poses(&mut self, poses: &[FlownFrame]) {
         for pose in poses {
-            let index = pose.frame.since(self.first_frame).and_then(|index| usize::try_from(index).ok());
-            if let Some(frame) = index.and_then(|index| self.frames.get_mut(index)) {
+            if let Some(frame) = self.index(pose.frame).and_then(|index| self.frames.get_mut(index)) {
                 frame.pose_nanos = pose.camera.timestamp_nanos();
             }
         }
@@ -123,6 +129,18 @@ impl Collector {
     #[must_use]
     pub fn first_frame(&self) -> FrameNumber {
         self.first_frame
+    }
+
+    /// Frames that were forgotten: those kept come after them.
+    #[must_use]
+    pub fn forgotten(&self) -> u64 {
+        self.forgotten
+    }
+
+    /// The flight had this many frames: what was noted of later ones is of frames that were never
+    /// drawn.
+    pub fn end_after(&mut self, frames: u64) {
+        self.frames.truncate(usize::try_from(frames.saturating_sub(self.forgotten)).unwrap_or(usize::MAX));
     }
 
     /// Name of the device that drew; empty when it was not told.
@@ -203,23 +221,46 @@ impl Collector {
         };
         if span == Some(SpanName::FetchTile) {
             self.round_trips_ms.push((event.duration_nanos as f64 / 1e6) as f32);
+            if self.is_forgetful && self.round_trips_ms.len() >= 2 * KEPT {
+                self.round_trips_ms.drain(..KEPT);
+            }
         }
+        let is_forgotten = self.is_forgotten(event.frame());
         match self.frame_mut(event.frame()) {
             Some(frame) => frame.take(content, event),
             // Loading of the locked top levels belongs to no frame.
-            None => return span.map(|_| ()),
+            None if span.is_none() && !is_forgotten => return None,
+            None => {}
         }
+        self.forget();
         Some(())
+    }
+
+    /// Where a frame is kept, or would be.
+    fn index(&self, frame: FrameNumber) -> Option<usize> {
+        usize::try_from(frame.since(self.first_frame)?.checked_sub(self.forgotten)?).ok()
     }
 
     /// A frame of this run; of a flight without a known end also one that is new.
     fn frame_mut(&mut self, frame: FrameNumber) -> Option<&mut FrameStats> {
-        let index = usize::try_from(frame.since(self.first_frame)?).ok()?;
-        let is_new = (self.frames.len()..self.most_frames).contains(&index);
+        let index = self.index(frame)?;
+        let is_new = index >= self.frames.len() && (index as u64) < self.most_frames;
         if is_new && index - self.frames.len() < FRAMES_UNDER_WAY {
             self.frames.resize(index + 1, FrameStats::default());
         }
         self.frames.get_mut(index)
+    }
+
+    fn is_forgotten(&self, frame: FrameNumber) -> bool {
+        frame.since(self.first_frame).is_some_and(|index| index < self.forgotten)
+    }
+
+    fn forget(&mut self) {
+        if self.is_forgetful && self.frames.len() > 2 * KEPT {
+            let old = self.frames.len() - KEPT;
+            self.frames.drain(..old);
+            self.forgotten += old as u64;
+        }
     }
 }
 

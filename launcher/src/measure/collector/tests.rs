@@ -37,7 +37,7 @@ fn events_become_stats_of_their_frame() {
 
 #[test]
 fn a_flight_without_a_known_end_has_stats_of_the_frames_that_came() {
-    let mut collector = Collector::new(FrameNumber::new(0), 0, false).open_ended(true);
+    let mut collector = Collector::new(FrameNumber::new(0), 0, false).open_ended(false);
     for frame in 0..3 {
         collector.take(Stage::Renderer, event(EventContent::FrameDone { triangles: 1 }, frame, 7, 0));
     }
@@ -45,6 +45,25 @@ fn a_flight_without_a_known_end_has_stats_of_the_frames_that_came() {
     collector.take(Stage::Renderer, event(EventContent::FrameDone { triangles: 1 }, 1 << 40, 7, 0));
     collector.take(Stage::Renderer, event(EventContent::FrameDone { triangles: 1 }, 100_000, 7, 0));
     assert_eq!((collector.frames.len(), collector.malformed_events), (3, 2));
+}
+
+#[test]
+fn of_a_flight_that_nobody_reports_of_the_last_frames_are_kept() {
+    let mut collector = Collector::new(FrameNumber::new(5), 0, false).open_ended(true);
+    let last = 5 + 10 * KEPT as u64;
+    for frame in 5..=last {
+        collector.take(Stage::Prefetcher, event(span(SpanName::FetchTile), frame, 1, 1_000_000));
+        collector.take(Stage::Renderer, event(EventContent::FrameDone { triangles: frame }, frame, 7, 0));
+        assert!(collector.frames.len() <= 2 * KEPT && collector.round_trips_ms.len() <= 2 * KEPT);
+    }
+    let kept = collector.frames.len() as u64;
+    assert!(kept >= KEPT as u64 && collector.forgotten() + kept == last - 4, "{kept} kept");
+    assert_eq!(collector.frames.last().map(|frame| frame.triangles), Some(last));
+    // An event about a frame that was forgotten comes late, and makes sense.
+    collector.take(Stage::Renderer, event(EventContent::FrameDone { triangles: 1 }, 6, 7, 0));
+    assert_eq!(collector.malformed_events, 0);
+    collector.end_after(last - 6);
+    assert_eq!(collector.frames.last().map(|frame| frame.triangles), Some(last - 2));
 }
 
 #[test]

@@ -13,6 +13,15 @@ const MOST_HEAD_BYTES: usize = 8 << 10;
 /// Clients at a time; one more takes the place of the one that has been here longest.
 const MOST_CLIENTS: usize = 32;
 
+/// What can be asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Page {
+    /// The metrics.
+    Metrics,
+    /// The nodes whose tiles are there, and those that are wanted.
+    Tiles,
+}
+
 /// Those who are being answered.
 #[derive(Debug, Default)]
 pub(super) struct Clients {
@@ -32,7 +41,7 @@ struct Client {
 impl Clients {
     /// Waits until there is something to do, `bound` at most, and does it. `page` is asked for with
     /// every request.
-    pub(super) fn serve(&mut self, listener: &TcpListener, bound: Duration, page: &mut dyn FnMut() -> String) {
+    pub(super) fn serve(&mut self, listener: &TcpListener, bound: Duration, page: &mut dyn FnMut(Page) -> String) {
         let ready = self.wait(listener, bound);
         let [is_called, is_ready @ ..] = ready.as_slice() else { return };
         let now = Instant::now();
@@ -83,7 +92,7 @@ impl Clients {
 
 impl Client {
     /// Reads or writes what can be without waiting. Whether all is said.
-    fn go_on(&mut self, page: &mut dyn FnMut() -> String) -> io::Result<bool> {
+    fn go_on(&mut self, page: &mut dyn FnMut(Page) -> String) -> io::Result<bool> {
         if self.answer.is_none() && self.read_head()? {
             self.answer = Some((answer(&String::from_utf8_lossy(&self.head), page), 0));
         }
@@ -123,18 +132,20 @@ impl Client {
     }
 }
 
-fn answer(head: &str, page: &mut dyn FnMut() -> String) -> Vec<u8> {
+fn answer(head: &str, page: &mut dyn FnMut(Page) -> String) -> Vec<u8> {
     let mut words = head.split([' ', '\r']);
     let (method, target) = (words.next().unwrap_or_default(), words.next().unwrap_or_default());
     let path = target.split('?').next().unwrap_or_default();
+    let kind = if path == "/tiles" { "application/json" } else { "text/plain; version=0.0.4; charset=utf-8" };
     let (status, body) = match (method, path) {
-        ("GET" | "HEAD", "/metrics" | "/") => ("200 OK", page()),
+        ("GET" | "HEAD", "/metrics" | "/") => ("200 OK", page(Page::Metrics)),
+        ("GET" | "HEAD", "/tiles") => ("200 OK", page(Page::Tiles)),
         ("GET" | "HEAD", _) => ("404 Not Found", "metrics are at /metrics\n".to_owned()),
         _ => ("405 Method Not Allowed", "metrics are read with GET\n".to_owned()),
     };
     let allow = if status.starts_with("405") { "Allow: GET, HEAD\r\n" } else { "" };
     let head = format!(
-        "HTTP/1.1 {status}\r\nContent-Type: text/plain; version=0.0.4; charset=utf-8\r\nContent-Length: {}\r\n{allow}\
+        "HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {}\r\n{allow}\
          Connection: close\r\n\r\n",
         body.len()
     );
@@ -150,7 +161,7 @@ mod tests {
     fn serve(clients: &mut Clients, listener: &TcpListener, pages: u32) {
         let (mut asked, end) = (0, Instant::now() + Duration::from_secs(60));
         while asked < pages && Instant::now() < end {
-            clients.serve(listener, Duration::from_millis(10), &mut || {
+            clients.serve(listener, Duration::from_millis(10), &mut |_| {
                 asked += 1;
                 "a 1\n".to_owned()
             });
@@ -178,7 +189,9 @@ mod tests {
         let end = Instant::now() + Duration::from_secs(60);
         let mut has_come = false;
         while (!has_come || !clients.clients.is_empty()) && Instant::now() < end {
-            clients.serve(&listener, Duration::from_millis(10), &mut || "a 1\n".to_owned());
+            clients.serve(&listener, Duration::from_millis(10), &mut |page| {
+                format!("{} 1\n", if page == Page::Metrics { "a" } else { "t" })
+            });
             has_come |= !clients.clients.is_empty();
         }
         read(client)
@@ -189,6 +202,8 @@ mod tests {
         let page = asked(b"GET /metrics?x=1 HTTP/1.1\r\nHost: a\r\n\r\n");
         assert!(page.starts_with("HTTP/1.1 200 OK\r\n") && page.ends_with("\r\n\r\na 1\n"), "{page}");
         assert!(page.contains("Content-Length: 4\r\n") && page.contains("version=0.0.4"));
+        let tiles = asked(b"GET /tiles HTTP/1.1\r\n\r\n");
+        assert!(tiles.contains("application/json") && tiles.ends_with("t 1\n"), "{tiles}");
         assert!(asked(b"HEAD / HTTP/1.0\r\n\r\n").ends_with("\r\n\r\n"));
         assert!(asked(b"GET /else HTTP/1.1\r\n\r\n").starts_with("HTTP/1.1 404"));
         assert!(asked(b"POST /metrics HTTP/1.1\r\n\r\n").contains("405"));

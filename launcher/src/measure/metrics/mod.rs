@@ -5,12 +5,13 @@
 mod answer;
 mod tally;
 mod text;
+mod tiles;
 
 pub use tally::FrameTally;
 
 use crate::failure::Failure;
 use crate::process::thread::in_thread;
-use answer::Clients;
+use answer::{Clients, Page};
 use anyhow::anyhow;
 use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, TcpListener};
@@ -22,6 +23,7 @@ use std::time::Duration;
 use terravision_common::run::{OPEN_END, RunConfig};
 use terravision_common::shm::{Control, Layout, RunId};
 use text::Facts;
+use tiles::TileMap;
 
 /// How often the thread looks whether the run is over.
 const TICK: Duration = Duration::from_millis(50);
@@ -107,6 +109,7 @@ impl Metrics {
             pool_slots: [layout.elevation_slots(), layout.color_slots()],
             asked_frames: if end == OPEN_END { 0 } else { end.saturating_sub(first) },
         };
+        let mut tiles = TileMap::open(run)?;
         let tally = Arc::new(Mutex::new(FrameTally::new(config)));
         let ends = Arc::new(AtomicBool::new(false));
         let (is_over, frames) = (Arc::clone(&ends), Arc::clone(&tally));
@@ -114,7 +117,10 @@ impl Metrics {
             let mut clients = Clients::default();
             // Relaxed: a flag.
             while !is_over.load(Ordering::Relaxed) {
-                clients.serve(&socket.listener, TICK, &mut || text::write(&facts, &lock(&frames)));
+                clients.serve(&socket.listener, TICK, &mut |page| match page {
+                    Page::Metrics => text::write(&facts, &lock(&frames)),
+                    Page::Tiles => tiles.write(),
+                });
             }
         };
         Ok(Self { ends, tally, thread: Some(in_thread("metrics", serve)?) })

@@ -13,7 +13,9 @@ pub fn part(config: &RunConfig, stats: &RunStats) -> Option<RealtimeReport> {
     let start = stats.clock_start_nanos?;
     let period = config.period_nanos();
     let frames = &stats.collector.frames;
-    let drawn = drawn_frames(frames, stats.collector.first_frame().get(), start, period);
+    let forgotten = stats.collector.forgotten();
+    let first = [stats.collector.first_frame().get() + forgotten, forgotten];
+    let drawn = drawn_frames(frames, first, start, period);
     let slots = frames.len() as u64;
     let on_time = drawn.is_on_time.iter().filter(|is_on_time| **is_on_time).count() as u64;
     let count = drawn.frame.len() as u64;
@@ -40,16 +42,18 @@ pub fn part(config: &RunConfig, stats: &RunStats) -> Option<RealtimeReport> {
     })
 }
 
-/// The columns of the frames that were drawn; `start`: the clock's, `period` in nanoseconds.
-fn drawn_frames(frames: &[FrameStats], first_frame: u64, start: u64, period: f64) -> DrawnFrames {
+/// The columns of the frames that were drawn; `first`: number of the first one, and its place in the
+/// flight; `start`: the clock's, `period` in nanoseconds.
+fn drawn_frames(frames: &[FrameStats], first: [u64; 2], start: u64, period: f64) -> DrawnFrames {
     let mut drawn = DrawnFrames::default();
     let mut before: Option<&FrameStats> = None;
     for (index, frame) in (0u64..).zip(frames).filter(|(_, frame)| frame.done_nanos > 0) {
         let ms = |from: u64| frame.done_nanos.saturating_sub(from) as f64 / 1e6;
-        let moment = start + (index as f64 * period) as u64;
+        let place = first[1] + index;
+        let moment = start + (place as f64 * period) as u64;
         // The clock starts with the end of the first frame.
-        let is_on_time = index == 0 || frame.done_nanos <= moment + (ON_TIME_PERIODS * period) as u64;
-        drawn.frame.push(first_frame + index);
+        let is_on_time = place == 0 || frame.done_nanos <= moment + (ON_TIME_PERIODS * period) as u64;
+        drawn.frame.push(first[0] + index);
         drawn.done_s.push((frame.done_nanos as f64 - start as f64) / 1e9);
         drawn.is_on_time.push(is_on_time);
         drawn.interval_ms.push(before.map_or(0.0, |before| ms(before.done_nanos)));

@@ -2,15 +2,17 @@
 
 use terravision_common::report::{NetworkReport, RealtimeReport, Report};
 
-/// The run in one line.
+/// The run in one line. `forgotten`: frames that the report knows nothing of. `has_sizes`: whether
+/// pictures had sizes up to that of the run.
 #[must_use]
-pub fn summary(report: &Report) -> String {
+pub fn summary(report: &Report, forgotten: u64, has_sizes: bool) -> String {
     let Report { frames, width, height, wall_s, fps, frame_ms_max, frame_ms_median, .. } = report;
     if *frames == 1 {
         return format!("1 frame, {width}x{height}, in {wall_s:.1} s");
     }
     if let Some(realtime) = &report.realtime {
-        return realtime_summary(realtime, [*width, *height]);
+        let size = format!("{}{width}x{height}", if has_sizes { "up to " } else { "" });
+        return realtime_summary(realtime, forgotten, &size);
     }
     format!(
         "{frames} frames, {width}x{height}, in {wall_s:.1} s ({fps:.1} frames/s; worst frame {frame_ms_max:.0} ms, median \
@@ -18,11 +20,13 @@ pub fn summary(report: &Report) -> String {
     )
 }
 
-fn realtime_summary(report: &RealtimeReport, [width, height]: [u32; 2]) -> String {
+fn realtime_summary(report: &RealtimeReport, forgotten: u64, size: &str) -> String {
     let RealtimeReport { frames, target_ms, on_time, late, skipped, .. } = report;
+    let of_last = if forgotten > 0 { format!("of the last {frames}, ") } else { String::new() };
     format!(
-        "{frames} frames of {target_ms:.1} ms, {width}x{height}: {on_time} on time ({:.1} %), {late} late, {skipped} left out; \
+        "{} frames of {target_ms:.1} ms, {size}: {of_last}{on_time} on time ({:.1} %), {late} late, {skipped} left out; \
          renderer {:.1} ms, latency {:.1} ms (medians), worst interval {:.0} ms",
+        frames + forgotten,
         100.0 * report.on_time_share,
         report.renderer_ms.p50,
         report.latency_ms.p50,

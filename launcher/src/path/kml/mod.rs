@@ -4,6 +4,7 @@
 
 mod lines;
 mod tour;
+mod unflown;
 mod view;
 
 use super::crs::Georeference;
@@ -11,6 +12,7 @@ use super::spline::{Key, Spline};
 use super::xml::{Document, Node};
 use super::{CameraPath, Course, CourseOptions, Ground, PathError, Remarks, shorten, track};
 use std::path::Path;
+use unflown::Flown;
 use view::ViewReader;
 
 /// Between two views that are flown one after the other without a tour, seconds.
@@ -45,13 +47,16 @@ pub(super) fn parse(
                 tour.line()
             ));
         }
+        unflown::note(root, Flown::Tour(*tour), remarks);
         tour::course(*tour, &mut reader)?
     } else {
-        let segments = lines::segments(path, root, &lonlat, ground)?;
-        if segments.iter().any(|segment| !segment.points.is_empty()) {
+        if let Some((flown, segments)) = lines::segments(path, root, &lonlat, ground, remarks)? {
+            unflown::note(root, flown, remarks);
             return track::course(path, segments, ground, options, remarks);
         }
-        views(path, root, &mut reader, remarks)?
+        let course = views(path, root, &mut reader, remarks)?;
+        unflown::note(root, Flown::Views, remarks);
+        course
     };
     if options.agl_m.is_some() {
         return Err(PathError::HasHeights { path: path.to_owned(), kind: "views of KML" });
@@ -60,13 +65,16 @@ pub(super) fn parse(
     Ok(CameraPath { settings, course })
 }
 
+fn is_view(node: Node<'_>) -> bool {
+    matches!(node.name(), "Camera" | "LookAt")
+}
+
 /// From view to view of the placemarks, in the order of the file.
 fn views(path: &Path, root: Node<'_>, reader: &mut ViewReader<'_>, remarks: &mut Remarks) -> Result<Course, PathError> {
-    let is_view = |node: &Node<'_>| matches!(node.name(), "Camera" | "LookAt");
     let of = |name: &'static str| {
         root.with_descendants()
             .filter(move |node| node.name() == name)
-            .filter_map(move |node| node.children().find(is_view))
+            .filter_map(move |node| node.children().find(|node| is_view(*node)))
     };
     let mut views: Vec<Node<'_>> = of("Placemark").collect();
     // Only where no placemark has one: the view of an overlay, or with which the file opens.

@@ -244,6 +244,111 @@ fn tracks_and_lines_are_flown_as_ways() {
 }
 
 #[test]
+fn what_is_not_flown_is_told() {
+    let places = "<Placemark><LookAt><longitude>-122</longitude><latitude>45</latitude></LookAt><Point/></Placemark>\
+                  <Placemark><LookAt/><LineString><coordinates>-122,45,0 -121.99,45,0</coordinates></LineString></Placemark>\
+                  <NetworkLink/>";
+    let (one, two) = (camera(5.0, "smooth", -122.0, ABSOLUTE), camera(5.0, "smooth", -121.9, ABSOLUTE));
+    let others = "<gx:SoundCue/><gx:TourControl/><gx:SoundCue/><gx:AnimatedUpdate/>";
+    let notes = |text: &str| fly(text).1.notes;
+    let text = tour(&[&one, others, &two].concat()).replace("<gx:Tour>", &format!("{places}<gx:Tour>"));
+    let expected = [
+        "of the tour only the camera's way is flown, without its 2 sounds, 1 pause and 1 animated change",
+        "beside the tour the file has 1 line, 1 other view and 1 network link, not flown",
+    ];
+    assert_eq!(notes(&text), expected);
+    assert_eq!(notes(&document(places)), ["beside the line the file has 1 other view and 1 network link, not flown"]);
+    let views = places.replace("LineString", "Polygon").replace("<LookAt/>", "");
+    assert_eq!(
+        notes(&document(&views)),
+        ["beside the views the file has 1 other placemark and 1 network link, not flown"]
+    );
+    let track = "<Placemark><gx:Track><altitudeMode>absolute</altitudeMode><when>2024-05-01T10:00:00Z</when>\
+                 <when>2024-05-01T10:00:09Z</when><when>2024-05-01T10:01:00Z</when><gx:coord>-122 45 0</gx:coord>\
+                 <gx:coord>-121.99 45 0</gx:coord><gx:angles>90 -5 0</gx:angles></gx:Track></Placemark>";
+    let (_, remarks) = fly(&document(track));
+    assert!(remarks.notes[0].contains("(gx:angles) are those of a model"), "{remarks:?}");
+    assert_eq!(
+        remarks.warnings,
+        ["line 3: the track has 3 times (when) for 2 places (gx:coord): the last times are left out"]
+    );
+}
+
+#[test]
+fn the_sun_of_google_earth_is_told_with_the_flag_that_gives_it() {
+    let view = |option: &str, stamp: &str| {
+        let options =
+            format!("{stamp}<gx:ViewerOptions><gx:option name=\"historicalimagery\"/>{option}</gx:ViewerOptions>");
+        fly(&tour(&camera(1.0, "smooth", -122.0, &options))).1.notes
+    };
+    let stamp = "<gx:TimeStamp><when>2011-07-14T13:00:00Z</when></gx:TimeStamp>";
+    let told = view("<gx:option name=\"sunlight\"></gx:option>", stamp);
+    assert_eq!(
+        told,
+        ["Google Earth shows its first view by the sun of 2011-07-14T13:00:00Z; here --sun 2011-07-14T13:00:00Z does"]
+    );
+    assert!(view("<gx:option enabled=\"1\" name=\"sunlight\"/>", "")[0].ends_with("here --sun DATE-TIME does"));
+    assert_eq!(view("<gx:option enabled=\"0\" name=\"sunlight\"></gx:option>", stamp), [""; 0]);
+    assert_eq!(view("", stamp), [""; 0]);
+}
+
+#[test]
+fn coordinates_are_read_as_programs_write_them() {
+    let points = |coordinates: &str| {
+        let text = format!(
+            "<LineString><altitudeMode>absolute</altitudeMode><coordinates>{coordinates}</coordinates></LineString>"
+        );
+        parse_with(&document(&text), CourseOptions::default()).0.map(|path| path.course)
+    };
+    let line = points("-122,45,900 -121.99,45,900").unwrap();
+    for same in [
+        "\n\t-122,45,900\n\t-121.99,45,900\n",
+        "-122,45,900, -121.99,45,900,",
+        "-122 , 45 , 900 -121.99, 45, 900",
+        "-122,45,900 , -121.99,45,900",
+        "-122,45,900\n,-121.99,45,900",
+    ] {
+        assert!(points(same).unwrap() == line, "{same}");
+    }
+    // Without heights it is flown above ground.
+    let flat = points("-122,45 -121.99,45").unwrap();
+    assert!(points("-122,45,NaN -121.99,45,nan").unwrap() == flat);
+    for wrong in ["-122,45,900,-121.99,45,900", "-122,45,x -121.99,45,x", "-122,45,1e300", "-122 45 900", "-122,45,1,2"]
+    {
+        let message = points(wrong).unwrap_err().to_string();
+        assert!(message.contains("line 3: coordinates: expected longitude,latitude,height, and a blank"), "{message}");
+    }
+}
+
+#[test]
+fn an_altitude_mode_is_that_of_the_way_or_of_the_tracks_around_it() {
+    let height = |text: &str| {
+        let (path, remarks) = fly(&document(text));
+        (path.course.pose(0, 1.0, 1.0).unwrap().position.z, remarks.warnings)
+    };
+    let track = |outer: &str, own: &str| {
+        height(&format!(
+            "<Placemark><gx:MultiTrack>{outer}<gx:Track>{own}<gx:coord>-122 45 900</gx:coord><gx:coord>-121.99 45 900</gx:coord>\
+             </gx:Track></gx:MultiTrack></Placemark>"
+        ))
+    };
+    let absolute = "<altitudeMode>absolute</altitudeMode>";
+    let relative = "<gx:altitudeMode>relativeToSeaFloor</gx:altitudeMode>";
+    assert_eq!(track(absolute, ""), (900.0, vec![]));
+    assert_eq!(track(absolute, relative), (1000.0, vec![]));
+    assert_eq!(track("", "<altitudeMode/>"), (250.0, vec![]));
+    let (z, warnings) = track("", "<altitudeMode>Absolute</altitudeMode>");
+    assert_eq!(
+        (z, warnings[0].as_str()),
+        (
+            250.0,
+            "line 3: altitudeMode: expected absolute, relativeToGround or clampToGround, found \"Absolute\": taken as \
+             clampToGround"
+        )
+    );
+}
+
+#[test]
 fn what_cannot_be_flown_is_named_with_what_to_do() {
     let step = |extra: &str| tour(&camera(1.0, "smooth", -122.0, extra));
     for (text, expected) in [
@@ -261,7 +366,7 @@ fn what_cannot_be_flown_is_named_with_what_to_do() {
             tour(&wait("soon")).replace("</gx:Playlist>", &format!("{}</gx:Playlist>", camera(1.0, "smooth", 0.0, ""))),
             "duration",
         ),
-        (document("<LineString><coordinates>1,x</coordinates></LineString>"), "longitude, latitude and height, e.g."),
+        (document("<LineString><coordinates>1,x</coordinates></LineString>"), "expected longitude,latitude,height"),
     ] {
         let message = parse_text(&text).unwrap_err().to_string();
         assert!(message.contains(expected), "{text}\n  {message}\n  {expected}");

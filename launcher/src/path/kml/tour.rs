@@ -8,18 +8,19 @@
 use super::super::spline::{Key, Spline};
 use super::super::xml::Node;
 use super::super::{Course, PathError};
+use super::is_view;
 use super::view::ViewReader;
 
 /// How high a bounce rises half-way, as a part of the way's length.
 const BOUNCE_RISE: f64 = 0.15;
 
 /// The steps of a tour; some programs leave out the playlist around them.
-fn steps<'d>(tour: Node<'d>) -> impl Iterator<Item = Node<'d>> {
+pub(super) fn steps<'d>(tour: Node<'d>) -> impl Iterator<Item = Node<'d>> {
     tour.child("Playlist").unwrap_or(tour).children()
 }
 
 fn view<'d>(step: Node<'d>) -> Option<Node<'d>> {
-    step.children().find(|node| matches!(node.name(), "Camera" | "LookAt"))
+    step.children().find(|node| is_view(*node))
 }
 
 /// Whether there is something to see in a tour.
@@ -39,7 +40,7 @@ pub(super) fn course(tour: Node<'_>, reader: &mut ViewReader<'_>) -> Result<Cour
                 flight.fly_to(Key { t: 0.0, pose, is_stop: is_bounce, hop_m: 0.0 }, duration);
             }
             ("FlyTo" | "Wait", _) => flight.wait(reader.duration(step)?),
-            // Sounds, pauses and balloons have no picture of the terrain.
+            // Sounds, pauses and balloons have no picture of the terrain; `unflown` tells of them.
             _ => {}
         }
     }

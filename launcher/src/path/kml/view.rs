@@ -51,8 +51,10 @@ impl<'a> ViewReader<'a> {
         expected: &'static str,
         absent: Option<f64>,
     ) -> Result<f64, PathError> {
-        let value = node.child(key).filter(|value| !value.text().is_empty());
-        let Some(value) = value else { return absent.ok_or_else(|| bad(self.path, node, key, expected, "")) };
+        let child = node.child(key);
+        let Some(value) = child.filter(|value| !value.text().is_empty()) else {
+            return absent.ok_or_else(|| bad(self.path, child.unwrap_or(node), key, expected, ""));
+        };
         let number = value.text().parse().ok().filter(|v: &f64| v.abs() <= 1e9);
         number.ok_or_else(|| bad(self.path, value, key, expected, value.text()))
     }

@@ -36,7 +36,7 @@ export class Connection {
   }
 
   get isOpen(): boolean {
-    return this.socket?.readyState === WebSocket.OPEN;
+    return this.socket !== undefined && this.socket.readyState === this.socket.OPEN;
   }
 
   /** Whether the message went out. */

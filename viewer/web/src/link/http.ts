@@ -1,4 +1,14 @@
 import type { Pose } from '../math/pose';
+import type { FilmQuality } from './protocol';
+
+export interface FilmOrder {
+  name: string;
+  size: [number, number];
+  fps: number;
+  quality: FilmQuality;
+  /** JSON of the path. */
+  path: string;
+}
 
 /** What the server answers when it refuses. */
 export class Refusal extends Error {
@@ -35,13 +45,38 @@ export class Api {
     return heights;
   }
 
-  /** The picture that `terravision still` draws at a pose. */
-  async still(pose: Pose, width: number, height: number): Promise<Blob> {
+  /** The picture that `terravision still` draws at a pose: of both eyes where the flight shows two, or without sun and haze. */
+  async still(pose: Pose, width: number, height: number, { hasStereo = false, isUnlit = false } = {}): Promise<Blob> {
     const query = new URLSearchParams();
     for (const key of ['x', 'y', 'z', 'heading', 'pitch', 'roll', 'vfov'] as const) query.set(key, String(pose[key]));
     query.set('width', String(width));
     query.set('height', String(height));
+    if (hasStereo) query.set('stereo', '1');
+    if (isUnlit) query.set('light', '0');
     return (await this.fetch(`/api/still.png?${query}`)).blob();
+  }
+
+  /** A path file of any kind as JSON keyframes in the world's coordinates. */
+  async convertPath(name: string, file: Blob): Promise<string> {
+    return (await this.fetch(`/api/path?${new URLSearchParams({ name })}`, { method: 'POST', body: file })).text();
+  }
+
+  /** Begins with a film of a path. */
+  async orderFilm(order: FilmOrder): Promise<void> {
+    // The path is JSON already.
+    const { path, ...rest } = order;
+    const body = `${JSON.stringify(rest).slice(0, -1)},"path":${path}}`;
+    await this.fetch('/api/films', { method: 'POST', headers: { 'content-type': 'application/json' }, body });
+  }
+
+  /** Cancels a film that is being made, or removes it. */
+  async removeFilm(id: number): Promise<void> {
+    await this.fetch(`/api/films/${id}`, { method: 'DELETE' });
+  }
+
+  /** Where a film is. */
+  filmAddress(id: number): string {
+    return `/api/films/${id}.mp4${this.token === '' ? '' : `?${new URLSearchParams({ token: this.token })}`}`;
   }
 
   private async fetch(path: string, init: RequestInit = {}): Promise<Response> {

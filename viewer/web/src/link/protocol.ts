@@ -3,6 +3,8 @@ import type { Pose } from '../math/pose';
 /** The protocol that this page speaks; docs/viewer.md describes it. */
 export const PROTOCOL = 1;
 
+export type Stereo = 'off' | 'side-by-side' | 'anaglyph';
+
 export interface Settings {
   facet_px: number | null;
   texel_px: number | null;
@@ -10,6 +12,14 @@ export interface Settings {
   technique: 'auto' | 'mesh' | 'rays' | null;
   exaggeration: number | null;
   overlay: 'none' | 'tree' | null;
+  /** As `--sun` takes it. */
+  sun: string | null;
+  shadows: boolean | null;
+  /** Metres; 0 for clear air. */
+  haze: number | null;
+  stereo: Stereo | null;
+  eye_separation: number | null;
+  convergence: number | null;
 }
 
 export interface World {
@@ -20,6 +30,8 @@ export interface World {
   heights: [number, number] | null;
   body: string;
   post_spacing_m: number;
+  /** Sides of a node of level 0, in the units of the CRS. */
+  node_side: [number, number];
   is_geographic: boolean;
   start: Pose;
 }
@@ -37,7 +49,7 @@ export interface Person {
   name: string | null;
 }
 
-export type Flight = 'starting' | 'flying' | 'restarting' | 'failed';
+export type Flight = 'starting' | 'flying' | 'restarting' | 'failed' | 'resting';
 
 export interface StateMessage {
   flight: Flight;
@@ -77,36 +89,74 @@ export interface Picked {
   distance_m: number | null;
 }
 
+/** A film that the server makes or keeps. */
+export interface Film {
+  id: number;
+  name: string;
+  size: [number, number];
+  fps: number;
+  quality: FilmQuality;
+  state: 'drawing' | 'done' | 'failed';
+  /** Frames that are drawn, of how many. */
+  drawn?: number;
+  frames?: number;
+  bytes?: number;
+  text?: string | null;
+}
+
+export type FilmQuality = 'default' | 'best' | 'finest';
+
+export interface FilmsMessage {
+  type: 'films';
+  films: Film[];
+  bytes: number;
+  most_bytes: number;
+}
+
+/** What the map shows live; null where the server does not know it. */
+export interface MapMessage {
+  type: 'map';
+  tiles: { resident: number[]; wanted: number[]; left_out: number } | null;
+  footprint: [number, number][] | null;
+}
+
 export type ServerMessage =
   | Welcome
   | ({ type: 'state' } & StateMessage)
   | FiguresMessage
   | Picked
+  | FilmsMessage
+  | MapMessage
   | { type: 'notice'; level: 'info' | 'warning'; text: string }
   | { type: 'pong'; id: number; time_ms: number }
+  | { type: 'probe'; time_ms: number }
   | { type: 'error'; code: string; text: string; about: string }
   | { type: 'bye'; code: string; text: string };
 
 export type ClientMessage =
-  | { type: 'hello'; protocol: number; token?: string; name?: string; size: [number, number]; dpr: number; watch?: boolean }
+  | { type: 'hello'; protocol: number; token?: string; name?: string; size: [number, number]; dpr: number; watch?: boolean; h264?: boolean }
   | ({ type: 'pose'; id: number } & Pose)
   | { type: 'size'; size: [number, number]; dpr: number }
   | ({ type: 'settings' } & Partial<Settings>)
-  | { type: 'ack'; n: number }
+  | { type: 'ack'; n: number; ms?: number; failed?: boolean }
   | { type: 'pick'; id: number; u: number; v: number; n?: number }
+  | { type: 'map'; wanted: boolean }
   | { type: 'take-over' }
   | { type: 'release' }
-  | { type: 'ping'; id: number };
+  | { type: 'ping'; id: number }
+  | { type: 'probed'; time_ms: number };
 
 /** What stands before the bytes of a picture. */
 export interface PictureHeader {
   n: number;
-  kind: 'jpeg' | 'png';
+  kind: 'jpeg' | 'png' | 'h264';
   isAtRest: boolean;
   hasAllTiles: boolean;
   isLossless: boolean;
   /** The bytes are those of `terravision still` at the pose. */
   isExact: boolean;
+  /** Of video: nothing before it is needed to decode it. */
+  isKey: boolean;
   quality: number;
   frame: number;
   width: number;
@@ -122,6 +172,7 @@ export interface PictureHeader {
 
 const MAGIC = 0x46505654; // TVPF
 const LEAST_HEADER = 128;
+const KINDS = ['jpeg', 'png', 'h264'] as const;
 
 /** Reads the header of a binary message, and where the file begins; undefined for what is not a picture. */
 export function readPicture(message: ArrayBuffer): { header: PictureHeader; file: ArrayBuffer } | undefined {
@@ -134,11 +185,12 @@ export function readPicture(message: ArrayBuffer): { header: PictureHeader; file
   const f64 = (offset: number) => view.getFloat64(offset, true);
   const header: PictureHeader = {
     n: view.getUint32(8, true),
-    kind: view.getUint8(12) === 1 ? 'png' : 'jpeg',
+    kind: KINDS[view.getUint8(12)] ?? 'jpeg',
     isAtRest: (flags & 1) !== 0,
     hasAllTiles: (flags & 2) !== 0,
     isLossless: (flags & 4) !== 0,
     isExact: (flags & 8) !== 0,
+    isKey: (flags & 16) !== 0,
     quality: view.getUint16(14, true),
     frame: Number(view.getBigUint64(16, true)),
     width: view.getUint32(24, true),

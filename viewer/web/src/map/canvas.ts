@@ -1,33 +1,43 @@
 import type { App } from '../app';
 import { lookAt } from '../math/navigate';
-import { eyeOf, rayThrough } from '../math/pose';
 import { clamp, radians, type Vec3 } from '../math/vector';
-import { cameraAbove, footprint, MapFrame, wholeWorld, type Region } from './mapview';
+import { GroundPicture } from './ground';
+import { drawAircraft, drawBorder, drawFootprint, drawMeasure, drawNodes, drawPath, MOST_DOTS } from './layers';
+import { MapFrame, wholeWorld, type Region } from './mapview';
 
-/** Picture of the ground, pixels along its side, and the pause before another one is asked for. */
-const GROUND_PX = 512;
-const GROUND_PAUSE_MS = 500;
 const CLICK_PX = 4;
+/** So near to a keyframe it is taken hold of. */
+const GRAB_PX = 9;
+
+interface Drag {
+  start: [number, number];
+  last: [number, number];
+  moved: boolean;
+  /** The keyframe that is pulled along, or the path's target. */
+  held: number | 'target' | undefined;
+}
 
 /** Draws the map and takes clicks, drags and the wheel. */
 export class MapCanvas {
   private region: Region | undefined;
-  private ground: { bitmap: ImageBitmap; region: Region; exaggeration: number } | undefined;
-  private groundTimer: number | undefined;
   private request: number | undefined;
   private readonly ends: (() => void)[] = [];
-  private drag: { start: [number, number]; last: [number, number]; moved: boolean } | undefined;
+  private readonly ground: GroundPicture;
+  private drag: Drag | undefined;
   private isEnded = false;
+  /** Whether the nodes of the quad tree are shown. */
+  hasNodes = true;
 
   constructor(
     private readonly canvas: HTMLCanvasElement,
     private readonly app: App,
   ) {
     const redraw = () => this.redraw();
+    this.ground = new GroundPicture(app.viewer, redraw);
     this.ends.push(app.viewer.store.subscribe(redraw), app.path.store.subscribe(redraw), app.measuring.store.subscribe(redraw));
     const observer = new ResizeObserver(redraw);
     observer.observe(canvas);
-    this.ends.push(() => observer.disconnect());
+    this.ends.push(() => observer.disconnect(), () => this.ground.end());
     canvas.addEventListener('pointerdown', (event) => this.down(event));
     canvas.addEventListener('pointermove', (event) => this.move(event));
     canvas.addEventListener('pointerup', (event) => this.up(event));
@@ -39,8 +49,6 @@ export class MapCanvas {
   end(): void {
     this.isEnded = true;
     for (const end of this.ends) end();
-    window.clearTimeout(this.groundTimer);
-    this.ground?.bitmap.close();
   }
 
   zoom(factor: number, at?: [number, number]): void {
@@ -70,21 +78,51 @@ export class MapCanvas {
 
   private down(event: PointerEvent): void {
     this.canvas.setPointerCapture(event.pointerId);
-    this.drag = { start: this.at(event), last: this.at(event), moved: false };
+    const at = this.at(event);
+    this.drag = { start: at, last: at, moved: false, held: this.near(at) };
+  }
+
+  /** The keyframe, or the target, at a point of the map. */
+  private near([u, v]: [number, number]): Drag['held'] {
+    const frame = this.frame();
+    const { keyframes, target } = this.app.path.store.get();
+    if (frame === undefined || keyframes.length > MOST_DOTS) return undefined;
+    const isNear = (x: number, y: number) => {
+      const [a, b] = frame.toMap(x, y);
+      return Math.hypot(a - u, b - v) < GRAB_PX;
+    };
+    if (target !== undefined && isNear(target[0], target[1])) return 'target';
+    const found = keyframes.findIndex((key) => isNear(key.x, key.y));
+    return found < 0 ? undefined : found;
   }
 
   private move(event: PointerEvent): void {
     const drag = this.drag;
     const frame = this.frame();
-    if (drag === undefined || frame === undefined) return;
+    if (frame === undefined) return;
     const [u, v] = this.at(event);
-    if (Math.hypot(u - drag.start[0], v - drag.start[1]) > CLICK_PX) drag.moved = true;
-    if (drag.moved) {
+    if (drag === undefined) {
+      this.canvas.style.cursor = this.near([u, v]) === undefined ? '' : 'move';
+      return;
+    }
+    if (Math.hypot(u - drag.start[0], v - drag.start[1]) > CLICK_PX) {
+      if (drag.held !== undefined) this.pull(drag, frame.toWorld(u, v));
+      drag.moved = true;
+    }
+    if (drag.moved && drag.held === undefined) {
       const { x, y, side } = frame.region;
       this.region = { x: x - (u - drag.last[0]) / frame.scale, y: y + (v - drag.last[1]) / frame.scale, side };
       this.redraw();
     }
     drag.last = [u, v];
+  }
+
+  /** Pulls a keyframe, or the target, to a place; heights stay. */
+  private pull({ held, moved }: Drag, [x, y]: [number, number]): void {
+    const { path } = this.app;
+    const target = path.store.get().target;
+    if (typeof held === 'number') path.move(held, { x, y }, moved);
+    else if (target !== undefined) path.setTarget([x, y, target[2]], moved);
   }
 
   private up(event: PointerEvent): void {
@@ -126,7 +164,7 @@ export class MapCanvas {
     this.zoom(Math.exp(clamp(event.deltaY, -240, 240) * 0.002), this.at(event));
   }
 
-  private redraw(): void {
+  redraw(): void {
     this.request ??= requestAnimationFrame(() => {
       this.request = undefined;
       if (!this.isEnded) this.draw();
@@ -136,7 +174,8 @@ export class MapCanvas {
   private draw(): void {
     const frame = this.frame();
     const context = this.canvas.getContext('2d');
-    if (frame === undefined || context === null) return;
+    const { world, map } = this.app.viewer.store.get();
+    if (frame === undefined || context === null || world === undefined) return;
     const scale = window.devicePixelRatio;
     const [width, height] = [Math.round(frame.width * scale), Math.round(frame.height * scale)];
     if (this.canvas.width !== width || this.canvas.height !== height) {
@@ -146,146 +185,12 @@ export class MapCanvas {
     context.setTransform(scale, 0, 0, scale, 0, 0);
     context.fillStyle = '#0b1015';
     context.fillRect(0, 0, frame.width, frame.height);
-    this.askGround(frame);
-    this.drawGround(context, frame);
-    this.drawPath(context, frame);
-    this.drawMeasure(context, frame);
-    this.drawAircraft(context, frame);
-  }
-
-  /** Asks for a picture of the ground when the one that is there is of another part of the world. */
-  private askGround(frame: MapFrame): void {
-    const { world, link } = this.app.viewer.store.get();
-    const exaggeration = this.app.viewer.exaggeration;
-    const { region } = frame;
-    const has = this.ground;
-    const isSame = has !== undefined && has.exaggeration === exaggeration && has.region.x === region.x && has.region.y === region.y && has.region.side === region.side;
-    if (isSame || world === undefined || link.kind !== 'open') return;
-    window.clearTimeout(this.groundTimer);
-    this.groundTimer = window.setTimeout(() => {
-      // A square that covers the longer side of the map.
-      const longer = (region.side * Math.max(frame.width, frame.height)) / Math.min(frame.width, frame.height);
-      const { pose, metres } = cameraAbove({ ...region, side: longer }, world, this.app.viewer.worldSide, exaggeration);
-      this.app.viewer.api
-        .still(pose, GROUND_PX, GROUND_PX)
-        .then((blob) => createImageBitmap(blob))
-        .then((bitmap) => {
-          this.ground?.bitmap.close();
-          this.ground = { bitmap, region: { ...region, side: region.side }, exaggeration };
-          this.groundMetres = metres;
-          this.redraw();
-        })
-        .catch(() => {
-          // The map goes on without; the next change of it asks again.
-        });
-    }, has === undefined ? 0 : GROUND_PAUSE_MS);
-  }
-
-  private groundMetres = 0;
-
-  private drawGround(context: CanvasRenderingContext2D, frame: MapFrame): void {
-    const { world } = this.app.viewer.store.get();
-    if (this.ground !== undefined) {
-      const { bitmap, region } = this.ground;
-      const half = this.groundMetres / 2;
-      const [u, v] = frame.toMap(region.x - half, region.y + half);
-      const side = this.groundMetres * frame.scale;
-      context.imageSmoothingQuality = 'high';
-      context.drawImage(bitmap, u, v, side, side);
-    }
-    if (world === undefined) return;
-    const [[west, south], [east, north]] = world.bounds;
-    const [u, v] = frame.toMap(west, north);
-    const [u2, v2] = frame.toMap(east, south);
-    // What is beyond the world is sky in the picture; on the map it is nothing.
-    context.fillStyle = '#0b1015';
-    context.beginPath();
-    context.rect(0, 0, frame.width, frame.height);
-    context.rect(u2, v, u - u2, v2 - v);
-    context.fill('evenodd');
-    context.strokeStyle = '#44586a';
-    context.lineWidth = 1;
-    context.strokeRect(u, v, u2 - u, v2 - v);
-  }
-
-  private drawPath(context: CanvasRenderingContext2D, frame: MapFrame): void {
-    const { keyframes } = this.app.path.store.get();
-    if (keyframes.length === 0) return;
-    context.strokeStyle = '#ffd479';
-    context.lineWidth = 1.5;
-    context.beginPath();
-    keyframes.forEach((key, i) => {
-      const [u, v] = frame.toMap(key.x, key.y);
-      if (i === 0) context.moveTo(u, v);
-      else context.lineTo(u, v);
-    });
-    context.stroke();
-    if (keyframes.length > 60) return;
-    context.fillStyle = '#ffd479';
-    for (const key of keyframes) {
-      const [u, v] = frame.toMap(key.x, key.y);
-      context.beginPath();
-      context.arc(u, v, 3, 0, 7);
-      context.fill();
-    }
-  }
-
-  private drawMeasure(context: CanvasRenderingContext2D, frame: MapFrame): void {
-    const { points, tool, profile, marked } = this.app.measuring.store.get();
-    if (points.length === 0) return;
-    context.strokeStyle = context.fillStyle = '#7ddc9a';
-    context.lineWidth = 2;
-    context.beginPath();
-    for (const [x, y] of points) context.lineTo(...frame.toMap(x, y));
-    if (tool === 'area') context.closePath();
-    context.stroke();
-    const station = marked === undefined ? undefined : profile[marked];
-    for (const [x, y] of station === undefined ? points : [...points, [station.x, station.y] as const]) {
-      context.beginPath();
-      context.arc(...frame.toMap(x, y), 3, 0, 7);
-      context.fill();
-    }
-  }
-
-  private drawAircraft(context: CanvasRenderingContext2D, frame: MapFrame): void {
-    const { viewer } = this.app;
-    const pose = viewer.pose;
-    const size = viewer.picture?.size;
-    if (pose === undefined || size === undefined) return;
-    const corners = [
-      { u: 0, v: size.height },
-      { u: 0, v: 0 },
-      { u: size.width, v: 0 },
-      { u: size.width, v: size.height },
-    ];
-    const rays = corners.map((corner) => rayThrough(pose, size, corner));
-    const seen = footprint(rays, eyeOf(pose), viewer.ground, viewer.worldSide * 0.35);
-    context.beginPath();
-    for (const [x, y] of seen) context.lineTo(...frame.toMap(x, y));
-    context.closePath();
-    context.fillStyle = 'rgba(120, 190, 255, 0.22)';
-    context.strokeStyle = 'rgba(150, 205, 255, 0.9)';
-    context.lineWidth = 1;
-    context.fill();
-    context.stroke();
-    const [u, v] = frame.toMap(pose.x, pose.y);
-    context.save();
-    context.translate(clamp(u, 8, frame.width - 8), clamp(v, 8, frame.height - 8));
-    context.rotate(radians(pose.heading));
-    context.beginPath();
-    // Fuselage, wings and tail of a tiny aircraft.
-    for (const [x, y] of AIRCRAFT) context.lineTo(x, y);
-    context.closePath();
-    context.fillStyle = '#fff';
-    context.strokeStyle = '#0b1015';
-    context.lineWidth = 1.5;
-    context.stroke();
-    context.fill();
-    context.restore();
+    this.ground.draw(context, frame, world);
+    drawBorder(context, frame, world);
+    if (this.hasNodes && map?.tiles) drawNodes(context, frame, world, map.tiles);
+    if (map?.footprint) drawFootprint(context, frame, map.footprint);
+    drawPath(context, frame, this.app);
+    drawMeasure(context, frame, this.app);
+    drawAircraft(context, frame, this.app);
   }
 }
-
-const AIRCRAFT: readonly [number, number][] = [
-  [0, -10], [1.6, -7], [1.6, -2.5], [9, 2], [9, 4], [1.6, 2], [1.2, 6.5], [3.6, 8.5], [3.6, 10],
-  [0, 9], [-3.6, 10], [-3.6, 8.5], [-1.2, 6.5], [-1.6, 2], [-9, 4], [-9, 2], [-1.6, -2.5], [-1.6, -7],
-];

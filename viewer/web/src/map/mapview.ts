@@ -1,6 +1,5 @@
 import type { Pose } from '../math/pose';
 import type { World } from '../link/protocol';
-import type { Vec3 } from '../math/vector';
 
 /** A part of the world, and how it lies on the map: north is up. */
 export interface Region {
@@ -54,12 +53,18 @@ export function cameraAbove(region: Region, world: World, worldSide: number, exa
   return { pose: { x: region.x, y: region.y, z: plane + above, heading: 0, pitch: -90, roll: 0, vfov }, metres: side };
 }
 
-/** Where the corners of the picture meet a level plane, as far as `farthest`. */
-export function footprint(rays: readonly Vec3[], eye: Vec3, ground: number, farthest: number): [number, number][] {
-  return rays.map((ray) => {
-    const flat = Math.hypot(ray[0], ray[1]) || 1e-9;
-    const depth = ray[2] < -1e-6 ? (ground - eye[2]) / ray[2] : Infinity;
-    const reach = Math.min(depth, farthest / flat);
-    return [eye[0] + ray[0] * reach, eye[1] + ray[1] * reach];
-  });
+/** Nodes of the quad tree: level, m and n of each, one behind the other. */
+export interface Nodes {
+  resident: readonly number[];
+  wanted: readonly number[];
+}
+
+/** Calls a function with level and borders of each node. */
+export function eachNode(list: readonly number[], world: World, call: (level: number, west: number, south: number, east: number, north: number) => void): void {
+  const [[west, south]] = world.bounds;
+  for (let i = 0; i + 2 < list.length; i += 3) {
+    const [level, m, n] = [list[i]!, list[i + 1]!, list[i + 2]!];
+    const [wide, high] = [world.node_side[0] * 2 ** level, world.node_side[1] * 2 ** level];
+    call(level, west + m * wide, south + n * high, west + (m + 1) * wide, south + (n + 1) * high);
+  }
 }

@@ -1,4 +1,5 @@
 import { axesOf, eyeOf, focalOf, type Pose, type Size } from './pose';
+import { MIDDLE, poseOfEye, shiftOf, type Eye } from './stereo';
 import { dot, sub, type Vec3 } from './vector';
 
 /** Nine numbers, row after row. */
@@ -16,15 +17,15 @@ export function multiply(a: Matrix3, b: Matrix3): Matrix3 {
   return product;
 }
 
-/** From camera coordinates (right, down, forward) to pixels. */
-function intrinsics(pose: Pose, size: Size): Matrix3 {
+/** From camera coordinates (right, down, forward) of an eye to pixels. */
+function intrinsics(pose: Pose, size: Size, eye: Eye): Matrix3 {
   const f = focalOf(pose, size);
-  return [f, 0, size.width / 2, 0, f, size.height / 2, 0, 0, 1];
+  return [f, 0, size.width / 2 + shiftOf(pose, size, eye), 0, f, size.height / 2, 0, 0, 1];
 }
 
-function inverseIntrinsics(pose: Pose, size: Size): Matrix3 {
+function inverseIntrinsics(pose: Pose, size: Size, eye: Eye): Matrix3 {
   const f = focalOf(pose, size);
-  return [1 / f, 0, -size.width / 2 / f, 0, 1 / f, -size.height / 2 / f, 0, 0, 1];
+  return [1 / f, 0, -(size.width / 2 + shiftOf(pose, size, eye)) / f, 0, 1 / f, -size.height / 2 / f, 0, 0, 1];
 }
 
 /** The camera's right, down and forward in the world. */
@@ -34,23 +35,24 @@ function rows(pose: Pose): readonly [Vec3, Vec3, Vec3] {
 }
 
 /**
- * Where the pixels of a picture that was drawn from one pose are seen from another one.
+ * Where the pixels of the picture of an eye that was drawn from one pose are seen from another one.
  *
  * What was drawn is taken for a level plane at the height `ground`, so that also a camera that has moved shows the ground
  * about where it is; directions at the horizon and a camera that has only turned come out exactly.
  */
-export function reprojection(drawn: Pose, drawnSize: Size, seen: Pose, seenSize: Size, ground: number): Matrix3 {
+export function reprojection(drawn: Pose, drawnSize: Size, seen: Pose, seenSize: Size, ground: number, eye: Eye = MIDDLE): Matrix3 {
   const from = rows(drawn);
   const to = rows(seen);
-  const move = sub(eyeOf(drawn), eyeOf(seen));
+  const drawnEye = eyeOf(poseOfEye(drawn, eye));
+  const move = sub(drawnEye, eyeOf(poseOfEye(seen, eye)));
   // A point of the plane along a ray d of the drawn camera is at d · below / d.z; homogeneous, it is d + move · d.z / below.
-  const below = ground - drawn.z;
+  const below = ground - drawnEye[2];
   const share = below < -1e-6 ? 1 / below : 0;
   const turned: number[] = [];
   for (const row of to) {
     for (const column of from) turned.push(dot(row, column) + dot(row, move) * column[2] * share);
   }
-  return multiply(multiply(intrinsics(seen, seenSize), turned), inverseIntrinsics(drawn, drawnSize));
+  return multiply(multiply(intrinsics(seen, seenSize, eye), turned), inverseIntrinsics(drawn, drawnSize, eye));
 }
 
 /** Where a matrix takes a point; undefined when it goes behind the camera. */

@@ -3,6 +3,8 @@ import { add, clamp, radians, rotate, scale, sub, type Vec3 } from './vector';
 
 /** Least height of the eye above ground, metres; the flight itself lifts what is lower than 2 m. */
 export const LEAST_CLEARANCE = 2.5;
+/** Farthest east or north of the world, in longer sides of it: at a corner that is less than two of them. */
+const FARTHEST = 1.4;
 /** Rays that fall less than this (of their length along the axis) hold no ground: a drag there turns. */
 const FLATTEST_DRAG = -0.03;
 
@@ -10,6 +12,13 @@ const FLATTEST_DRAG = -0.03;
 export function aboveGround(pose: Pose, ground: number | undefined): Pose {
   if (ground === undefined || pose.z >= ground + LEAST_CLEARANCE) return pose;
   return { ...pose, z: ground + LEAST_CLEARANCE };
+}
+
+/** Keeps an eye about the world: the server refuses poses that are farther from it than twice its longer side. */
+export function nearWorld(pose: Pose, [low, high]: readonly [readonly [number, number], readonly [number, number]]): Pose {
+  const margin = FARTHEST * Math.max(high[0] - low[0], high[1] - low[1]);
+  const [x, y] = [clamp(pose.x, low[0] - margin, high[0] + margin), clamp(pose.y, low[1] - margin, high[1] + margin)];
+  return x === pose.x && y === pose.y ? pose : { ...pose, x, y };
 }
 
 /** Moves the eye in its level plane so that a place of the ground comes under a point of the picture. */

@@ -1,22 +1,24 @@
-import { poseAt, type Keyframe } from '../math/flight';
+import { Spline, type Keyframe } from '../math/spline';
 import { turnAbout } from '../math/navigate';
 import type { Pose } from '../math/pose';
-import { clamp, turn } from '../math/vector';
+import { clamp, turn, type Vec3 } from '../math/vector';
 import { Store } from '../state/store';
 import type { Viewer } from '../state/viewer';
 import type { Motion } from '../view/motion';
+import type { Path } from './file';
 
 export type Mode = 'free' | 'orbit' | 'planned';
 
-export interface PathState {
+export interface PathState extends Path {
   mode: Mode;
-  keyframes: readonly Keyframe[];
   /** Moment of the path that is shown, seconds. */
   t: number;
   speed: number;
   isPlaying: boolean;
   isRecording: boolean;
   canUndo: boolean;
+  /** Why a file was not loaded. */
+  problem: string | undefined;
 }
 
 /** Seconds from one keyframe to the next, when it is added by hand. */
@@ -32,13 +34,16 @@ export class PathEditor {
   readonly store = new Store<PathState>({
     mode: 'free',
     keyframes: [],
+    target: undefined,
     t: 0,
     speed: 1,
     isPlaying: false,
     isRecording: false,
     canUndo: false,
+    problem: undefined,
   });
-  private past: (readonly Keyframe[])[] = [];
+  private past: Path[] = [];
+  private flown: { of: Path; spline: Spline } | undefined;
   private recording: number | undefined;
 
   constructor(
@@ -49,6 +54,16 @@ export class PathEditor {
   get duration(): number {
     const { keyframes } = this.store.get();
     return keyframes.length < 2 ? 0 : keyframes[keyframes.length - 1]!.t - keyframes[0]!.t;
+  }
+
+  /** The way through the keyframes; undefined without one. */
+  get spline(): Spline | undefined {
+    const { keyframes, target } = this.store.get();
+    if (keyframes.length === 0) return undefined;
+    if (this.flown === undefined || this.flown.of.keyframes !== keyframes || this.flown.of.target !== target) {
+      this.flown = { of: { keyframes, target }, spline: new Spline(keyframes, target) };
+    }
+    return this.flown.spline;
   }
 
   setMode(mode: Mode): void {
@@ -71,7 +86,33 @@ export class PathEditor {
   /** Puts the camera of now in a keyframe's place. */
   replace(index: number): void {
     const pose = this.viewer.pose;
-    if (pose !== undefined) this.change(this.store.get().keyframes.map((key, i) => (i === index ? { ...pose, t: key.t } : key)));
+    if (pose !== undefined) this.change(this.store.get().keyframes.map((key, i) => (i === index ? { ...key, ...pose } : key)));
+  }
+
+  /** Puts a keyframe elsewhere; further steps of one hand are undone with the first. */
+  move(index: number, change: Partial<Keyframe>, isGoingOn = false): void {
+    const keyframes = this.store.get().keyframes.map((key, i) => (i === index ? { ...key, ...change } : key));
+    if (isGoingOn) this.store.set({ keyframes });
+    else this.change(keyframes);
+  }
+
+  /** The camera looks at a place all the time, or where the keyframes do. */
+  setTarget(target: Vec3 | undefined, isGoingOn = false): void {
+    if (!isGoingOn) this.remember();
+    this.store.set({ target });
+  }
+
+  /** What is in the middle of the picture becomes the target. */
+  async targetMiddle(): Promise<void> {
+    const hit = await this.viewer.pick(this.viewer.middle);
+    if (hit === null) this.viewer.note('info', 'There is no ground in the middle of the picture');
+    else this.setTarget(hit.place);
+  }
+
+  /** Eases the way in at its start and out at its end, or no longer. */
+  easeEnds(does: boolean): void {
+    const { keyframes } = this.store.get();
+    this.change(keyframes.map((key, i) => (i === 0 || i === keyframes.length - 1 ? { ...key, rest: does } : key)));
   }
 
   remove(index: number): void {
@@ -80,6 +121,7 @@ export class PathEditor {
 
   clear(): void {
     this.change([]);
+    this.store.set({ target: undefined });
   }
 
   /** Moves a keyframe in time; between its neighbours, at least a hundredth of a second from each. */
@@ -98,21 +140,27 @@ export class PathEditor {
     this.change(keyframes.map((key) => ({ ...key, t: start + (key.t - start) * factor })));
   }
 
-  /** Takes the keyframes of a file. */
-  load(keyframes: readonly Keyframe[]): void {
+  /** Takes the path of a file. */
+  load({ keyframes, target }: Path): void {
     this.change(keyframes);
+    this.store.set({ target, problem: undefined });
     this.setMode('planned');
     this.scrub(keyframes[0]?.t ?? 0);
   }
 
+  /** A file was not loaded. */
+  refuse(problem: string): void {
+    this.store.set({ problem });
+  }
+
   undo(): void {
-    const keyframes = this.past.pop();
-    if (keyframes !== undefined) this.store.set({ keyframes, canUndo: this.past.length > 0 });
+    const before = this.past.pop();
+    if (before !== undefined) this.store.set({ ...before, canUndo: this.past.length > 0 });
   }
 
   scrub(t: number): void {
     this.store.set({ t });
-    const pose = poseAt(this.store.get().keyframes, t);
+    const pose = this.spline?.pose(t);
     if (pose !== undefined) this.viewer.setPose(pose);
   }
 
@@ -150,13 +198,12 @@ export class PathEditor {
       if (now >= last.t) return undefined;
       now = Math.min(last.t, now + seconds * this.store.get().speed);
       this.store.set({ t: now });
-      return poseAt(this.store.get().keyframes, now);
+      return this.spline?.pose(now);
     });
   }
 
   private async orbit(): Promise<void> {
-    const { width, height } = this.viewer.picture!.size;
-    const center = { u: width / 2, v: height / 2 };
+    const center = this.viewer.middle;
     const place = (await this.viewer.pick(center))?.place ?? this.viewer.ahead(center);
     if (place === undefined) return;
     this.store.set({ mode: 'orbit' });
@@ -192,9 +239,15 @@ export class PathEditor {
   }
 
   private change(keyframes: readonly Keyframe[]): void {
-    this.past.push(this.store.get().keyframes);
+    this.remember();
+    this.store.set({ keyframes });
+  }
+
+  private remember(): void {
+    const { keyframes, target } = this.store.get();
+    this.past.push({ keyframes, target });
     if (this.past.length > MOST_UNDONE) this.past.shift();
-    this.store.set({ keyframes, canUndo: true });
+    this.store.set({ canUndo: true });
   }
 }
 

@@ -1,11 +1,21 @@
-import type { Keyframe } from '../math/flight';
+import { lonLatOf } from '../math/lonlat';
+import type { Pose } from '../math/pose';
+import type { Keyframe } from '../math/spline';
+import { degrees, type Vec3 } from '../math/vector';
 
-/** What docs/camera-paths.md allows, and what a page can hold. */
+/** What a page can hold. */
 const MOST_KEYFRAMES = 100_000;
 
+/** A path of the page: keyframes, and what the camera looks at all the time. */
+export interface Path {
+  keyframes: readonly Keyframe[];
+  target: Vec3 | undefined;
+}
+
+const round = (value: number, digits: number) => Number(value.toFixed(digits));
+
 /** A path as `terravision fly --path` reads it. */
-export function toJson(keyframes: readonly Keyframe[], epsg: number | null): string {
-  const round = (value: number, digits: number) => Number(value.toFixed(digits));
+export function toJson({ keyframes, target }: Path, epsg: number | null): string {
   const lines = keyframes.map((key) => {
     const frame = {
       t: round(key.t, 3),
@@ -15,66 +25,68 @@ export function toJson(keyframes: readonly Keyframe[], epsg: number | null): str
       heading: round(key.heading, 4),
       pitch: round(key.pitch, 4),
       roll: round(key.roll, 4),
+      ...(key.rest ? { rest: true } : {}),
     };
     return `    ${JSON.stringify(frame)}`;
   });
   const crs = epsg === null ? '' : `  "crs": "EPSG:${epsg}",\n`;
-  return `{\n${crs}  "vfov_deg": ${round(keyframes[0]?.vfov ?? 60, 3)},\n  "keyframes": [\n${lines.join(',\n')}\n  ]\n}\n`;
+  const looks = target === undefined ? '' : `  "target": ${JSON.stringify(target.map((value) => round(value, 3)))},\n`;
+  return `{\n${crs}${looks}  "vfov_deg": ${round(keyframes[0]?.vfov ?? 60, 3)},\n  "keyframes": [\n${lines.join(',\n')}\n  ]\n}\n`;
 }
 
-/** Reads a path of keyframes or frames; throws a sentence that says what is wrong, and where. */
-export function fromJson(text: string, vfov: number, epsg: number | null): Keyframe[] {
-  const file = parse(text);
-  if (typeof file !== 'object' || file === null) throw new Error('expected an object with "keyframes" or "frames"');
-  const path = file as Record<string, unknown>;
-  if (typeof path.crs === 'string' && epsg !== null && path.crs !== `EPSG:${epsg}`) {
-    throw new Error(`"crs": the page flies paths in the world's EPSG:${epsg}, found ${path.crs}; \`terravision path\` converts it`);
+/** A path that the server has read: keyframes or frames in the world's CRS. */
+export function fromServer(text: string, vfov: number): Path {
+  interface Entry extends Omit<Pose, 'roll' | 'vfov'> {
+    t?: number;
+    roll?: number;
+    rest?: boolean;
   }
-  const isTimed = Array.isArray(path.keyframes);
-  const list = isTimed ? path.keyframes : path.frames;
-  if (!Array.isArray(list)) throw new Error('expected a list "keyframes" or "frames"');
-  if (list.length === 0) throw new Error('the path has no frame');
-  if (list.length > MOST_KEYFRAMES) throw new Error(`expected at most ${MOST_KEYFRAMES} frames, found ${list.length}`);
-  const fps = typeof path.fps === 'number' && path.fps > 0 ? path.fps : 30;
-  const angle = typeof path.vfov_deg === 'number' ? path.vfov_deg : vfov;
-  if (!(angle >= 1 && angle <= 170)) throw new Error(`"vfov_deg": expected degrees from 1 to 170, found ${angle}`);
-  const keyframes = list.map((frame: unknown, i) => keyframe(frame, i, isTimed ? undefined : i / fps, angle));
-  const unordered = keyframes.findIndex((key, i) => i > 0 && key.t <= keyframes[i - 1]!.t);
-  if (unordered > 0) throw new Error(`frame ${unordered}: "t": expected a time after that of the frame before`);
-  return keyframes;
-}
-
-function parse(text: string): unknown {
-  try {
-    return JSON.parse(text);
-  } catch (error) {
-    const message = error instanceof Error ? error.message : String(error);
-    const position = /position (\d+)/.exec(message);
-    if (position === null) throw new Error(`not JSON: ${message}`);
-    const line = text.slice(0, Number(position[1])).split('\n').length;
-    throw new Error(`line ${line}: not JSON: ${message.replace(/ in JSON at position.*/, '')}`);
-  }
-}
-
-function keyframe(frame: unknown, index: number, t: number | undefined, vfov: number): Keyframe {
-  const values = (typeof frame === 'object' && frame !== null ? frame : {}) as Record<string, unknown>;
-  const number = (key: string, otherwise?: number): number => {
-    const value = values[key] ?? otherwise;
-    if (typeof value !== 'number' || !Number.isFinite(value)) {
-      throw new Error(`frame ${index}: "${key}": expected a number, found ${JSON.stringify(value) ?? 'nothing'}`);
-    }
-    return value;
-  };
-  const pitch = number('pitch');
-  if (Math.abs(pitch) > 90) throw new Error(`frame ${index}: "pitch": expected degrees from -90 to 90, found ${pitch}`);
-  return {
-    t: t ?? number('t'),
-    x: number('x'),
-    y: number('y'),
-    z: number('z'),
-    heading: number('heading'),
+  const path = JSON.parse(text) as { keyframes?: Entry[]; frames?: Entry[]; fps?: number; vfov_deg?: number; target?: [number, number, number] };
+  const list = path.keyframes ?? path.frames ?? [];
+  if (list.length > MOST_KEYFRAMES) throw new Error(`the page holds ${MOST_KEYFRAMES} keyframes, the path has ${list.length}`);
+  const keyframes = list.map(({ t, x, y, z, heading, pitch, roll, rest }, i) => ({
+    t: t ?? i / (path.fps ?? 30),
+    x,
+    y,
+    z,
+    heading,
     pitch,
-    roll: number('roll', 0),
-    vfov,
-  };
+    roll: roll ?? 0,
+    vfov: path.vfov_deg ?? vfov,
+    ...(rest ? { rest } : {}),
+  }));
+  return { keyframes, target: path.target };
+}
+
+/**
+ * Keyframes as a tour of Google Earth; undefined where the page does not know the world's longitudes and latitudes. KML knows
+ * no target and no rest at a moment: it has the poses alone.
+ */
+export function toKml(keyframes: readonly Keyframe[], name: string, epsg: number | null): string | undefined {
+  const steps: string[] = [];
+  let before: number | undefined;
+  for (const key of keyframes) {
+    const place = lonLatOf(epsg, key.x, key.y);
+    const ahead = lonLatOf(epsg, key.x, key.y + 1);
+    if (place === undefined || ahead === undefined) return undefined;
+    // Where grid north points, from true north.
+    const north = degrees(Math.atan2((ahead.lon - place.lon) * Math.cos((place.lat * Math.PI) / 180), ahead.lat - place.lat));
+    const heading = (((key.heading + north) % 360) + 360) % 360;
+    const camera = [
+      `<longitude>${round(place.lon, 8)}</longitude><latitude>${round(place.lat, 8)}</latitude><altitude>${round(key.z, 2)}</altitude>`,
+      `<heading>${round(heading, 4)}</heading><tilt>${round(key.pitch + 90, 4)}</tilt><roll>${round(key.roll, 4)}</roll>`,
+      '<altitudeMode>absolute</altitudeMode>',
+    ];
+    const duration = before === undefined ? 0 : round(key.t - before, 3);
+    steps.push(`<gx:FlyTo><gx:duration>${duration}</gx:duration><gx:flyToMode>smooth</gx:flyToMode><Camera>${camera.join('')}</Camera></gx:FlyTo>`);
+    before = key.t;
+  }
+  const title = name.replace(/[<&]/g, (c) => (c === '<' ? '&lt;' : '&amp;'));
+  return [
+    '<?xml version="1.0" encoding="UTF-8"?>',
+    '<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2">',
+    `<gx:Tour><name>${title}</name><gx:Playlist>`,
+    ...steps,
+    '</gx:Playlist></gx:Tour></kml>\n',
+  ].join('\n');
 }

@@ -1,4 +1,4 @@
-import type { FiguresMessage, Limits, Person, PictureHeader, Settings, World, Flight } from '../link/protocol';
+import type { FiguresMessage, FilmsMessage, MapMessage, Limits, Person, PictureHeader, Settings, World, Flight } from '../link/protocol';
 import type { Pose } from '../math/pose';
 import type { Vec3 } from '../math/vector';
 import type { LatencySummary } from './latency';
@@ -39,6 +39,8 @@ export interface State {
   shown: PictureHeader | undefined;
   figures: FiguresMessage | undefined;
   latency: LatencySummary | undefined;
+  films: FilmsMessage | undefined;
+  map: MapMessage | undefined;
   notes: Note[];
 }
 
@@ -61,6 +63,8 @@ export const EMPTY: State = {
   shown: undefined,
   figures: undefined,
   latency: undefined,
+  films: undefined,
+  map: undefined,
   notes: [],
 };
 

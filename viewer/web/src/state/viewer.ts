@@ -1,15 +1,19 @@
 import { Connection } from '../link/connection';
 import { Api, tokenOf } from '../link/http';
 import { PROTOCOL, type ClientMessage, type Picked, type PictureHeader, type ServerMessage, type Settings, type StateMessage } from '../link/protocol';
-import { aboveGround } from '../math/navigate';
-import { eyeOf, rayThrough, samePose, tidy, type Point, type Pose } from '../math/pose';
-import { add, scale, type Vec3 } from '../math/vector';
-import type { Picture } from '../view/picture';
+import { aboveGround, nearWorld } from '../math/navigate';
+import { axesOf, eyeOf, isPose, rayThrough, samePose, tidy, type Point, type Pose, type Size } from '../math/pose';
+import { add, dot, scale, sub, type Vec3 } from '../math/vector';
+import { eyesOf } from '../math/stereo';
+import type { Pair, Picture } from '../view/picture';
+import { Video } from '../view/video';
 import { Latency } from './latency';
 import { EMPTY, isPilot, type State } from './state';
 import { Store } from './store';
 
 const PICK_PATIENCE_MS = 1500;
+/** Distance between the eyes, where no other is asked for, as a share of the distance at which their pictures meet. */
+const USUAL_SEPARATION = 1 / 30;
 const POSE_EVERY_MS = 8;
 const GROUND_EVERY_MS = 200;
 const PANEL_EVERY_MS = 100;
@@ -49,6 +53,8 @@ export class Viewer {
   private readonly onPicture = new Set<(header: PictureHeader) => void>();
   private readonly onMove = new Set<() => void>();
   private wanted: Pose | undefined;
+  private hasMap = false;
+  private hasVideo = false;
 
   constructor(
     location: Location,
@@ -72,7 +78,15 @@ export class Viewer {
   start(picture: Picture, wanted: Pose | undefined): void {
     this.picture = picture;
     this.wanted = wanted;
-    this.connection.start();
+    if (typeof WebSocket === 'undefined') {
+      const text = 'This browser has no WebSocket, over which pictures come. Open the page in another one.';
+      this.store.set({ link: { kind: 'refused', code: 'no-websocket', text } });
+      return;
+    }
+    void Video.isSupported().then((isSupported) => {
+      this.hasVideo = isSupported;
+      this.connection.start();
+    });
   }
 
   /** Tries once more, with a token that the user typed. */
@@ -107,8 +121,10 @@ export class Viewer {
   /** Moves the camera; false when another one is the pilot. */
   setPose(pose: Pose, inputAt = performance.now()): boolean {
     if (!this.isPilot || this.store.get().isReadOnly) return false;
-    const { groundBelow } = this.store.get();
-    const next = tidy(aboveGround(pose, groundBelow));
+    const { groundBelow, world } = this.store.get();
+    const next = tidy(aboveGround(world === undefined ? pose : nearWorld(pose, world.bounds), groundBelow));
+    // What is not a number would be refused, and everything that follows from it.
+    if (!isPose(next)) return false;
     if (this.pose !== undefined && samePose(next, this.pose)) return true;
     this.pose = next;
     this.sendSoon(inputAt);
@@ -124,10 +140,49 @@ export class Viewer {
     this.connection.send({ type: 'take-over' });
   }
 
+  /** Somebody looks at a map: the server tells what it shows, until the function that is returned is called. */
+  showMap(): () => void {
+    this.hasMap = true;
+    this.connection.send({ type: 'map', wanted: true });
+    return () => {
+      this.hasMap = false;
+      this.connection.send({ type: 'map', wanted: false });
+    };
+  }
+
   resized(): void {
     const { width, height } = this.picture!.size;
     this.connection.send({ type: 'size', size: [width, height], dpr: window.devicePixelRatio });
     this.moved();
+  }
+
+  /** The eyes that are shown side by side; undefined for a single picture. */
+  get pair(): Pair {
+    const { settings } = this.store.get();
+    if (settings?.stereo !== 'side-by-side' || settings.convergence === null) return undefined;
+    return eyesOf(settings.eye_separation ?? settings.convergence * USUAL_SEPARATION, settings.convergence);
+  }
+
+  get isPair(): boolean {
+    return this.pair !== undefined;
+  }
+
+  /** Size of what one eye sees: the view, or a half of it. */
+  get eye(): Size {
+    const { width, height } = this.picture!.size;
+    return this.isPair ? { width: width / 2, height } : { width, height };
+  }
+
+  /** A point of the view as the eye sees it in whose half another point lies. */
+  inEye(point: Point, of: Point = point): Point {
+    const { width } = this.eye;
+    return this.isPair ? { u: point.u - (of.u >= width ? width : 0), v: point.v } : point;
+  }
+
+  /** The middle of what the (left) eye sees. */
+  get middle(): Point {
+    const { width, height } = this.eye;
+    return { u: width / 2, v: height / 2 };
   }
 
   /** What is under a point of the view; null for sky, and when the server does not answer soon. */
@@ -141,11 +196,24 @@ export class Viewer {
       const answer = (hit: Hit | null) => {
         window.clearTimeout(patience);
         this.picks.delete(id);
-        resolve(hit);
+        resolve(hit === null ? null : this.betweenEyes(hit, shown, place));
       };
       const patience = window.setTimeout(() => answer(null), PICK_PATIENCE_MS);
       this.picks.set(id, answer);
     });
+  }
+
+  /**
+   * Of two eyes the place that a camera between them would show there: hands then hold what is under them, and not what is
+   * beside it by half of the disparity.
+   */
+  private betweenEyes(hit: Hit, shown: PictureHeader, at: Point): Hit {
+    const stereo = this.store.get().settings?.stereo ?? 'off';
+    if (stereo === 'off') return hit;
+    const u = stereo === 'side-by-side' ? (at.u * 2) % 1 : at.u;
+    const ray = rayThrough(shown.pose, this.eye, { u: u * this.eye.width, v: at.v * this.eye.height });
+    const depth = dot(sub(hit.place, eyeOf(shown.pose)), axesOf(shown.pose).forward);
+    return { ...hit, place: add(eyeOf(shown.pose), scale(ray, depth)) };
   }
 
   /** The longer side of the world, metres. */
@@ -158,7 +226,7 @@ export class Viewer {
   ahead(point: Point): Vec3 | undefined {
     const pose = this.pose;
     if (pose === undefined) return undefined;
-    const ray = rayThrough(pose, this.picture!.size, point);
+    const ray = rayThrough(pose, this.eye, this.inEye(point));
     return add(eyeOf(pose), scale(ray, 3 * this.clearance));
   }
 
@@ -202,6 +270,7 @@ export class Viewer {
       size: [width, height],
       dpr: window.devicePixelRatio,
       ...(watch ? { watch } : {}),
+      ...(this.hasVideo ? { h264: true } : {}),
     };
   }
 
@@ -241,6 +310,12 @@ export class Viewer {
       case 'figures':
         this.store.set({ figures: message, latency: this.latency.summary() });
         return;
+      case 'films':
+        this.store.set({ films: message });
+        return;
+      case 'map':
+        this.store.set({ map: message });
+        return;
       case 'picked':
         return this.picked(message);
       case 'notice':
@@ -252,6 +327,9 @@ export class Viewer {
         return;
       case 'bye':
         return this.refused(message.code, message.text);
+      case 'probe':
+        this.connection.send({ type: 'probed', time_ms: message.time_ms });
+        return;
       case 'pong':
         return;
     }
@@ -276,9 +354,10 @@ export class Viewer {
     this.latency.clear();
     this.pose ??= message.world.start;
     if (this.wanted !== undefined) {
-      this.pose = this.wanted;
+      this.pose = nearWorld(this.wanted, message.world.bounds);
       this.wanted = undefined;
     }
+    if (this.hasMap) this.connection.send({ type: 'map', wanted: true });
     this.takeState(message, true);
     this.moved();
   }
@@ -309,8 +388,10 @@ export class Viewer {
   }
 
   private async show(header: PictureHeader, file: ArrayBuffer): Promise<void> {
-    const isShown = await this.picture!.show(header, file);
-    this.connection.send({ type: 'ack', n: header.n });
+    const begun = performance.now();
+    const isShown = await this.picture!.show(header, file, this.pair);
+    const failed = !isShown && header.kind === 'h264' ? { failed: true } : {};
+    this.connection.send({ type: 'ack', n: header.n, ms: Math.round(performance.now() - begun), ...failed });
     if (!isShown) return;
     this.latency.pictureShown(header, performance.now());
     const isMine = this.isPilot && header.poseId !== 0;

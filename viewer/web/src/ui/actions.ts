@@ -1,9 +1,11 @@
-import { toJson, fromJson } from '../paths/file';
+import { fromServer, toJson, toKml } from '../paths/file';
 import type { PathEditor } from '../paths/editor';
+import type { Settings, Stereo } from '../link/protocol';
 import type { Pose } from '../math/pose';
 import type { Viewer } from '../state/viewer';
 import type { Motion } from '../view/motion';
 import { toHash } from '../state/address';
+import { kindOfSun } from '../state/sun';
 
 /** Hands a file to the user. */
 export function download(name: string, content: string | Blob, type = 'application/octet-stream'): void {
@@ -13,6 +15,24 @@ export function download(name: string, content: string | Blob, type = 'applicati
   link.download = name;
   link.click();
   window.setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+}
+
+/** What went wrong, for people. */
+export const sentence = (error: unknown): string => (error instanceof Error ? error.message : String(error));
+
+/** The flags of two eyes, as a command has them. */
+function stereoFlags(settings: Settings): string {
+  if (settings.stereo == null || settings.stereo === 'off') return '';
+  const metres = (flag: string, value: number | null) => (value === null ? '' : ` --${flag} ${value}`);
+  return ` --stereo ${settings.stereo}${metres('convergence', settings.convergence)}${metres('eye-separation', settings.eye_separation)}`;
+}
+
+const exaggerationFlag = ({ exaggeration }: Settings): string => (exaggeration == null || exaggeration === 1 ? '' : ` --exaggeration ${exaggeration}`);
+
+/** The flags of light and air. */
+function lightFlags({ sun, shadows, haze }: Settings): string {
+  const isLit = kindOfSun(sun) !== 'off';
+  return `${isLit ? ` --sun ${sun!.replaceAll(' ', sun!.includes(',') ? '' : 'T')}${shadows === true ? ' --shadows' : ''}` : ''}${haze ? ` --haze ${haze}` : ''}`;
 }
 
 /** What buttons and keys do. */
@@ -25,8 +45,7 @@ export class Actions {
 
   /** The place in the middle of the picture, which turning and tilting goes about. */
   async middle() {
-    const { width, height } = this.viewer.picture!.size;
-    return (await this.viewer.pick({ u: width / 2, v: height / 2 }))?.place;
+    return (await this.viewer.pick(this.viewer.middle))?.place;
   }
 
   async turn(heading: number, pitch: number): Promise<void> {
@@ -34,9 +53,14 @@ export class Actions {
   }
 
   async zoom(factor: number): Promise<void> {
-    const { width, height } = this.viewer.picture!.size;
-    const place = (await this.middle()) ?? this.viewer.ahead({ u: width / 2, v: height / 2 });
+    const place = (await this.middle()) ?? this.viewer.ahead(this.viewer.middle);
     if (place !== undefined) this.motion.zoomBy(place, factor);
+  }
+
+  /** One eye or two, whose pictures meet on the ground in the middle. */
+  async setStereo(stereo: Stereo): Promise<void> {
+    const hit = stereo === 'off' ? null : await this.viewer.pick(this.viewer.middle);
+    this.viewer.changeSettings(hit === null ? { stereo } : { stereo, convergence: Number(hit.distance.toPrecision(3)), eye_separation: null });
   }
 
   async northUp(): Promise<void> {
@@ -70,10 +94,11 @@ export class Actions {
     const { world, shown, settings } = this.viewer.store.get();
     const pose = this.viewer.pose;
     if (pose === undefined || world === undefined) return '';
-    const size = shown === undefined ? '' : ` --size ${shown.width}x${shown.height}`;
-    const exaggeration = settings?.exaggeration == null || settings.exaggeration === 1 ? '' : ` --exaggeration ${settings.exaggeration}`;
+    const width = shown === undefined ? 0 : this.viewer.isPair ? Math.floor(shown.width / 2) : shown.width;
+    const size = shown === undefined ? '' : ` --size ${width}x${shown.height}`;
+    const flags = settings === undefined ? '' : `${exaggerationFlag(settings)}${lightFlags(settings)}${stereoFlags(settings)}`;
     const quoted = /^[\w./:-]+$/.test(world.name) ? world.name : `'${world.name.replace(/'/g, `'\\''`)}'`;
-    return `terravision still ${quoted} --eye=${pose.x},${pose.y},${pose.z} --heading=${pose.heading} --pitch=${pose.pitch} --roll=${pose.roll} --vfov=${pose.vfov}${size}${exaggeration} -o view.png`;
+    return `terravision still ${quoted} --eye=${pose.x},${pose.y},${pose.z} --heading=${pose.heading} --pitch=${pose.pitch} --roll=${pose.roll} --vfov=${pose.vfov}${size}${flags} -o view.png`;
   }
 
   async copyCommand(): Promise<void> {
@@ -86,23 +111,37 @@ export class Actions {
     const pose = this.viewer.pose;
     if (pose === undefined || shown === undefined) return;
     try {
-      download('terravision.png', await this.viewer.api.still(pose, shown.width, shown.height));
+      download('terravision.png', await this.viewer.api.still(pose, shown.width, shown.height, { hasStereo: true }));
     } catch (error) {
-      this.viewer.note('warning', error instanceof Error ? error.message : String(error));
+      this.viewer.note('warning', sentence(error));
     }
   }
 
+  /** The path as `terravision fly` reads it. */
+  pathJson(): string {
+    return toJson(this.path.store.get(), this.viewer.store.get().world?.epsg ?? null);
+  }
+
   savePath(): void {
+    download('path.json', this.pathJson(), 'application/json');
+  }
+
+  /** The path as a tour of Google Earth. */
+  saveKml(): void {
     const { world } = this.viewer.store.get();
-    download('path.json', toJson(this.path.store.get().keyframes, world?.epsg ?? null), 'application/json');
+    const spline = this.path.spline;
+    if (world === undefined || spline === undefined) return;
+    const keyframes = this.path.store.get().keyframes.map((key) => ({ ...key, ...spline.pose(key.t) }));
+    const kml = toKml(keyframes, world.name, world.epsg);
+    if (kml === undefined) this.viewer.note('warning', 'KML has longitudes and latitudes, which the page does not know of this world: save JSON');
+    else download('path.kml', kml, 'application/vnd.google-earth.kml+xml');
   }
 
   async loadPath(file: File): Promise<void> {
-    const { world } = this.viewer.store.get();
     try {
-      this.path.load(fromJson(await file.text(), this.viewer.pose?.vfov ?? 60, world?.epsg ?? null));
+      this.path.load(fromServer(await this.viewer.api.convertPath(file.name, file), this.viewer.pose?.vfov ?? 60));
     } catch (error) {
-      this.viewer.note('warning', `${file.name}: ${error instanceof Error ? error.message : String(error)}`);
+      this.path.refuse(sentence(error));
     }
   }
 

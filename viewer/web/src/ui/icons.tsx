@@ -21,6 +21,9 @@ const PATHS = {
   undo: 'M8 6L4 10l4 4M4 10h10a5 5 0 0 1 0 10h-3',
   target: 'M12 5v4M12 15v4M5 12h4M15 12h4M12 12v.01',
   command: 'M5 7l5 5-5 5M12 17h7',
+  grid: 'M4 4h16v16H4zM12 4v16M4 12h16M16 12v8M12 16h8',
+  rest: 'M4 16c4 0 4-8 8-8s4 8 8 8',
+  film: 'M4 5h16v14H4zM8 5v14M16 5v14M4 12h4M16 12h4',
 } as const;
 
 export type IconName = keyof typeof PATHS;

@@ -6,6 +6,7 @@ import { Button } from './controls';
 import { FiguresTab } from './figurestab';
 import { FlyTab } from './flytab';
 import { Icon } from './icons';
+import { LightTab } from './lighttab';
 import { MeasureTab } from './measuretab';
 import { PathTab } from './pathtab';
 import { PictureTab } from './picturetab';
@@ -13,6 +14,7 @@ import { PictureTab } from './picturetab';
 const TABS: readonly { id: string; name: string; Content: ComponentType<{ app: App }> }[] = [
   { id: 'fly', name: 'Fly', Content: FlyTab },
   { id: 'picture', name: 'Picture', Content: PictureTab },
+  { id: 'light', name: 'Light', Content: LightTab },
   { id: 'measure', name: 'Measure', Content: MeasureTab },
   { id: 'path', name: 'Path', Content: PathTab },
   { id: 'figures', name: 'Figures', Content: FiguresTab },

@@ -1,5 +1,5 @@
 import type { App } from '../app';
-import type { Settings } from '../link/protocol';
+import type { Settings, Stereo } from '../link/protocol';
 import { isPilot } from '../state/state';
 import { useStore } from '../state/store';
 import { Choice, Figure, NumberField } from './controls';
@@ -10,7 +10,7 @@ export function PictureTab({ app }: { app: App }) {
   const canChange = useStore(app.viewer.store, (state) => isPilot(state) && !state.isReadOnly);
   if (settings === undefined) return <p class="hint">The server has not said yet how it draws.</p>;
   const change = (part: Partial<Settings>) => app.viewer.changeSettings(part);
-  const field = (label: string, key: 'facet_px' | 'texel_px' | 'fps' | 'exaggeration', unit: string, digits: number, step: number, low: number, high: number) => (
+  const field = (label: string, key: 'facet_px' | 'texel_px' | 'fps' | 'exaggeration' | 'eye_separation' | 'convergence', unit: string, digits: number, step: number, low: number, high: number, placeholder = 'as started') => (
     <NumberField
       label={label}
       unit={unit}
@@ -19,7 +19,7 @@ export function PictureTab({ app }: { app: App }) {
       low={low}
       high={high}
       canBeEmpty
-      placeholder="as started"
+      placeholder={placeholder}
       isDisabled={!canChange}
       value={settings[key]}
       change={(value) => change({ [key]: value })}
@@ -62,6 +62,29 @@ export function PictureTab({ app }: { app: App }) {
           change={(overlay) => change({ overlay })}
         />
       </section>
+      <section class="group" aria-label="Stereo">
+        <h2>Stereo</h2>
+        <Choice
+          label="Stereo"
+          value={settings.stereo ?? 'off'}
+          options={[
+            ['off', 'Off'],
+            ['side-by-side', 'Side by side'],
+            ['anaglyph', 'Red-cyan'],
+          ]}
+          isDisabled={!canChange}
+          change={(stereo: Stereo) => void app.actions.setStereo(stereo)}
+        />
+        {settings.stereo != null && settings.stereo !== 'off' && (
+          <>
+            <div class="fields two">
+              {field('Eyes apart', 'eye_separation', 'm', 1, 1, 0, settings.convergence ?? 1e6, ((settings.convergence ?? 0) / 30).toFixed(1))}
+              {field('Pictures meet at', 'convergence', 'm', 0, 50, 0.01, 1e6)}
+            </div>
+            <p class="hint">What is nearer than where the pictures meet stands out of the screen.</p>
+          </>
+        )}
+      </section>
       <Now app={app} />
     </div>
   );
@@ -76,7 +99,7 @@ function Now({ app }: { app: App }) {
       <h2>This picture</h2>
       <dl class="figures">
         <Figure name="Size">{shown === undefined ? '…' : `${shown.width} × ${shown.height}`}</Figure>
-        <Figure name="Kind">{shown === undefined ? '…' : shown.isExact ? 'exact, PNG' : shown.kind === 'png' ? 'PNG' : `JPEG ${shown.quality}`}</Figure>
+        <Figure name="Kind">{shown === undefined ? '…' : shown.isExact ? 'exact, PNG' : shown.kind === 'png' ? 'PNG' : shown.kind === 'h264' ? 'H.264' : `JPEG ${shown.quality}`}</Figure>
         {facets !== undefined && <Figure name="r_z now">{facets.toFixed(1)} px</Figure>}
         {texels !== undefined && <Figure name="r_c now">{texels.toFixed(2)} px</Figure>}
         <Figure name="Tiles">{shown === undefined ? '…' : shown.hasAllTiles ? 'all there' : 'some are coming'}</Figure>

@@ -14,11 +14,12 @@ interface Condition {
 /** What the page is doing, in a few words that are true. */
 function conditionOf(state: State): Condition {
   const { link, flight, flightReason, shown } = state;
-  if (link.kind === 'refused') return { kind: 'bad', text: 'Refused', detail: link.text };
+  if (link.kind === 'refused') return { kind: 'bad', text: link.code === 'no-websocket' ? 'No connection' : 'Refused', detail: link.text };
   if (link.kind === 'connecting') return { kind: 'busy', text: 'Connecting …' };
   if (link.kind === 'lost') return { kind: 'bad', text: 'Link lost, trying again …', detail: 'The picture is the last one that came. The page goes on by itself when the server is back.' };
   if (flight === 'failed') return { kind: 'bad', text: 'The flight failed', detail: flightReason ?? '' };
   if (flight === 'starting') return { kind: 'busy', text: 'Starting the flight …' };
+  if (flight === 'resting') return { kind: 'busy', text: 'Waking the flight …' };
   if (flight === 'restarting') return { kind: 'busy', text: 'Starting the flight again …', detail: flightReason ?? '' };
   if (shown === undefined) return { kind: 'busy', text: 'Waiting for the first picture …' };
   if (!state.isOverWorld) return { kind: 'busy', text: 'Beside the world', detail: 'There are no data under the camera. R flies back to the start.' };

@@ -95,8 +95,7 @@ export class Keyboard {
     if (this.down.size === 0) {
       this.motion.stop();
       this.middle = undefined;
-      const { width, height } = this.viewer.picture!.size;
-      void this.viewer.pick({ u: width / 2, v: height / 2 }).then((hit) => (this.middle = hit?.place));
+      void this.viewer.pick(this.viewer.middle).then((hit) => (this.middle = hit?.place));
     }
     this.down.add(key);
     this.motion.hold('keys', (pose, seconds) => this.step(pose, seconds));
@@ -118,8 +117,7 @@ export class Keyboard {
   }
 
   private zoom(pose: Pose, factor: number): Pose {
-    const { width, height } = this.viewer.picture!.size;
-    const place = this.middle ?? this.viewer.ahead({ u: width / 2, v: height / 2 });
+    const place = this.middle ?? this.viewer.ahead(this.viewer.middle);
     return place === undefined ? pose : zoomTo(pose, place, factor, 3, this.viewer.worldSide * 1.5);
   }
 

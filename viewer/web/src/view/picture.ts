@@ -1,22 +1,29 @@
 import type { PictureHeader } from '../link/protocol';
-import { cssMatrix, apply, invert, reprojection, type Matrix3 } from '../math/homography';
-import { samePose, type Point, type Pose, type Size } from '../math/pose';
+import type { Point, Pose, Size } from '../math/pose';
+import { MIDDLE, type Eye } from '../math/stereo';
+import { Pane } from './pane';
+import { Video } from './video';
+
+/** The eyes of a pair that is shown side by side, the left one first; undefined for a single picture. */
+export type Pair = readonly [Eye, Eye] | undefined;
 
 /**
- * The picture: a canvas with the last one that came, which a CSS transform puts where it is seen from the camera of now,
- * until the next one comes.
+ * The picture: the last one that came, put where it is seen from the camera of now until the next one comes. Of two eyes
+ * side by side each half is a pane of its own, since each is turned about its own middle.
  */
 export class Picture {
-  private readonly context: CanvasRenderingContext2D;
+  private readonly whole: Pane;
+  private halves: readonly Pane[] = [];
   private header: PictureHeader | undefined;
-  private matrix: Matrix3 | undefined;
+  private pair: Pair;
   private latest = 0;
+  private readonly video = new Video();
 
   constructor(
-    readonly canvas: HTMLCanvasElement,
+    canvas: HTMLCanvasElement,
     private readonly frame: HTMLElement,
   ) {
-    this.context = canvas.getContext('2d', { alpha: false })!;
+    this.whole = new Pane(canvas);
   }
 
   get shown(): PictureHeader | undefined {
@@ -29,24 +36,18 @@ export class Picture {
   }
 
   /** Decodes a picture and draws it; false for one that cannot be decoded, or that a newer one has overtaken. */
-  async show(header: PictureHeader, file: ArrayBuffer): Promise<boolean> {
+  async show(header: PictureHeader, file: ArrayBuffer, pair: Pair): Promise<boolean> {
     const order = ++this.latest;
-    const blob = new Blob([file], { type: header.kind === 'png' ? 'image/png' : 'image/jpeg' });
-    let bitmap: ImageBitmap;
-    try {
-      bitmap = await createImageBitmap(blob, { colorSpaceConversion: 'none', premultiplyAlpha: 'none' });
-    } catch {
+    const bitmap = header.kind === 'h264' ? await this.video.decode(header, file) : await decode(header, file);
+    if (bitmap === undefined || order !== this.latest) {
+      bitmap?.close();
       return false;
     }
-    if (order !== this.latest) {
-      bitmap.close();
-      return false;
-    }
-    if (this.canvas.width !== bitmap.width || this.canvas.height !== bitmap.height) {
-      this.canvas.width = bitmap.width;
-      this.canvas.height = bitmap.height;
-    }
-    this.context.drawImage(bitmap, 0, 0);
+    // Programs read its pixels here, of a pair too.
+    this.whole.draw(bitmap, 0, header);
+    this.divide(pair);
+    const half = { width: Math.floor(header.width / 2), height: header.height };
+    this.halves.forEach((pane, i) => pane.draw(bitmap, i * half.width, half));
     bitmap.close();
     this.header = header;
     return true;
@@ -57,35 +58,47 @@ export class Picture {
     const header = this.header;
     if (header === undefined) return;
     const size = this.size;
-    const drawn = { width: header.width, height: header.height };
-    // Of the same shape up to rounding, and from the same pose: pixel for pixel.
-    const isSameShape = Math.abs(drawn.width / drawn.height - size.width / size.height) < 2 / Math.min(drawn.width, drawn.height);
-    if (samePose(header.pose, pose) && isSameShape) {
-      this.matrix = [size.width / drawn.width, 0, 0, 0, size.height / drawn.height, 0, 0, 0, 1];
-      this.setStyle(`scale(${size.width / drawn.width}, ${size.height / drawn.height})`);
-    } else {
-      this.matrix = reprojection(header.pose, drawn, pose, size, ground);
-      this.setStyle(cssMatrix(this.matrix));
-    }
+    const half = { width: size.width / 2, height: size.height };
+    if (this.pair === undefined) this.whole.place(header.pose, pose, size, ground, MIDDLE);
+    else for (const [i, eye] of this.pair.entries()) this.halves[i]!.place(header.pose, pose, half, ground, eye);
   }
 
   /** The place in the shown picture, from 0 to 1, that is under a point of the view. */
   under(point: Point): Point | undefined {
-    if (this.header === undefined || this.matrix === undefined) return undefined;
-    const inverse = invert(this.matrix);
-    const place = inverse === undefined ? undefined : apply(inverse, point.u, point.v);
-    if (place === undefined) return undefined;
-    const { u, v } = { u: place.u / this.header.width, v: place.v / this.header.height };
-    return u >= 0 && v >= 0 && u <= 1 && v <= 1 ? { u, v } : undefined;
+    if (this.header === undefined) return undefined;
+    if (this.pair === undefined) return this.whole.under(point);
+    const width = this.size.width / 2;
+    const i = point.u < width ? 0 : 1;
+    const place = this.halves[i]!.under({ u: point.u - i * width, v: point.v });
+    return place === undefined ? undefined : { u: (place.u + i) / 2, v: place.v };
   }
 
   /** The pixels of the shown picture: red, green, blue and 255. */
   pixels(): ImageData | undefined {
     if (this.header === undefined) return undefined;
-    return this.context.getImageData(0, 0, this.header.width, this.header.height);
+    return this.whole.context.getImageData(0, 0, this.header.width, this.header.height);
   }
 
-  private setStyle(transform: string): void {
-    if (this.canvas.style.transform !== transform) this.canvas.style.transform = transform;
+  /** Shows the picture whole, or each half in a box that cuts it off. */
+  private divide(pair: Pair): void {
+    const isDivided = this.halves.length > 0;
+    this.pair = pair;
+    if (isDivided === (pair !== undefined)) return;
+    for (const { canvas } of this.halves) canvas.parentElement!.remove();
+    this.whole.canvas.hidden = pair !== undefined;
+    this.halves = (pair ?? []).map((_, i) => {
+      const [box, canvas] = [document.createElement('div'), document.createElement('canvas')];
+      box.className = `half ${i === 0 ? 'left' : 'right'}`;
+      canvas.className = 'picture';
+      box.append(canvas);
+      this.whole.canvas.before(box);
+      return new Pane(canvas);
+    });
   }
+}
+
+/** Decodes a file; undefined for one that cannot be decoded. */
+async function decode(header: PictureHeader, file: ArrayBuffer): Promise<ImageBitmap | undefined> {
+  const blob = new Blob([file], { type: header.kind === 'png' ? 'image/png' : 'image/jpeg' });
+  return createImageBitmap(blob, { colorSpaceConversion: 'none', premultiplyAlpha: 'none' }).catch(() => undefined);
 }

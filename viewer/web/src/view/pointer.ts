@@ -87,7 +87,7 @@ export class Pointer {
     if (drag.held.kind === 'unknown' || drag.isClick) return;
     const pose = this.viewer.pose;
     if (pose === undefined) return;
-    const next = drag.turns ? this.turned(pose, drag.held, drag.last, point) : this.dragged(pose, drag.held, drag.last, point);
+    const next = drag.turns ? this.turned(pose, drag.held, drag.last, point) : this.dragged(pose, drag, point);
     drag.last = point;
     this.viewer.setPose(next, event.timeStamp);
   }
@@ -99,11 +99,11 @@ export class Pointer {
     return tiltAbout(turnAbout(pose, held.place, heading), held.place, pitch);
   }
 
-  private dragged(pose: Pose, held: Held, last: Point, point: Point): Pose {
-    const size = this.viewer.picture!.size;
-    const sky = () => dragSky(pose, size, last, point);
-    if (held.kind !== 'ground') return sky();
-    const next = dragGround(pose, size, held.place, point);
+  private dragged(pose: Pose, { held, last, start }: { held: Held; last: Point; start: Point }, point: Point): Pose {
+    const size = this.viewer.eye;
+    const to = this.viewer.inEye(point, start);
+    if (held.kind !== 'ground') return dragSky(pose, size, this.viewer.inEye(last, start), to);
+    const next = dragGround(pose, size, held.place, to);
     // Near the horizon a pixel is a mile: the ground cannot be held there.
     const most = 4 * length(sub(eyeOf(pose), held.place));
     return next === undefined || length(sub(eyeOf(next), eyeOf(pose))) > most ? pose : next;

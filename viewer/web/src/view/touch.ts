@@ -82,9 +82,10 @@ export class Touches {
   private pan(before: Point, point: Point, inputAt: number): void {
     const pose = this.viewer.pose;
     if (pose === undefined) return;
-    const size = this.viewer.picture!.size;
+    const size = this.viewer.eye;
     const place = this.place as Vec3 | undefined;
-    const next = place === undefined ? dragSky(pose, size, before, point) : dragGround(pose, size, place, point);
+    const [from, to] = [this.viewer.inEye(before), this.viewer.inEye(point, before)];
+    const next = place === undefined ? dragSky(pose, size, from, to) : dragGround(pose, size, place, to);
     if (next !== undefined) this.viewer.setPose(next, inputAt);
   }
 
@@ -107,7 +108,7 @@ export class Touches {
     const twist = ((direction(a, b) - direction(first.at, second.at)) * 180) / Math.PI;
     const turned = turnAbout(pose, place, -shortest(twist));
     const zoomed = zoomTo(turned, place, factor, 3, this.viewer.worldSide * 1.5);
-    const panned = dragGround(zoomed, this.viewer.picture!.size, place, middle(first.at, second.at));
+    const panned = dragGround(zoomed, this.viewer.eye, place, this.viewer.inEye(middle(first.at, second.at)));
     this.motion.stop();
     this.viewer.setPose(panned ?? zoomed, inputAt);
   }

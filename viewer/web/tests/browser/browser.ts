@@ -26,9 +26,11 @@ export interface WatchedPage {
   complaints: string[];
 }
 
-export async function open(browser: Browser, address: string, options: BrowserContextOptions = {}): Promise<WatchedPage> {
+/** Opens a page; `prepare` is called before it is loaded. */
+export async function open(browser: Browser, address: string, options: BrowserContextOptions = {}, prepare: (page: Page) => void = () => {}): Promise<WatchedPage> {
   const context = await browser.newContext({ viewport: { width: 1280, height: 800 }, ...options });
   const page = await context.newPage();
+  prepare(page);
   const complaints: string[] = [];
   page.on('pageerror', (error) => complaints.push(String(error)));
   page.on('console', (message) => {

@@ -28,11 +28,12 @@ const WELCOME: Welcome = {
     heights: [445.1, 3212.2],
     body: 'Earth',
     post_spacing_m: 10,
+    node_side: [80, 80],
     is_geographic: false,
     start: START,
   },
   limits: { size: [[16, 16], [3840, 2160]], message_bytes: 16384, messages_per_s: 240, clients: 64, heights: 4096 },
-  settings: { facet_px: null, texel_px: null, fps: 30, technique: 'auto', exaggeration: 1, overlay: 'none' },
+  settings: { facet_px: null, texel_px: null, fps: 30, technique: 'auto', exaggeration: 1, overlay: 'none', sun: null, shadows: null, haze: null, stereo: null, eye_separation: null, convergence: 4000 },
   flight: 'flying',
   reason: null,
   size: [960, 540],
@@ -53,6 +54,8 @@ export class Fake {
   answer: (message: ClientMessage) => ServerMessage | undefined = () => undefined;
   still: Buffer = writePng(64, 36, (x, y) => (y < 12 ? [120, 160, 205] : [60 + x, 90 + y, 60]));
   isExact = true;
+  /** What was asked of films. */
+  readonly films: string[] = [];
 
   async start(): Promise<string> {
     this.server = createServer((request, response) => void this.serve(request.url ?? '/', request.method ?? 'GET', response));
@@ -93,15 +96,26 @@ export class Fake {
 
   picture(pose: Pose, poseId: number): void {
     const file = this.still;
+    const flags = this.isExact ? 15 : 2;
+    this.message(pose, poseId, file, { kind: 1, flags, width: file.readUInt32BE(16), height: file.readUInt32BE(20) });
+  }
+
+  /** Sends a picture as H.264: the decoder's configuration behind its length, and the access unit. Its number. */
+  video(pose: Pose, file: Buffer, { isKey, width, height }: { isKey: boolean; width: number; height: number }): number {
+    this.message(pose, 0, file, { kind: 2, flags: isKey ? 18 : 2, width, height });
+    return this.n;
+  }
+
+  private message(pose: Pose, poseId: number, file: Buffer, { kind, flags, width, height }: { kind: number; flags: number; width: number; height: number }): void {
     const header = Buffer.alloc(128);
     header.write('TVPF', 0, 'latin1');
     header.writeUInt16LE(1, 4);
     header.writeUInt16LE(128, 6);
     header.writeUInt32LE(++this.n, 8);
-    header.writeUInt8(1, 12);
-    header.writeUInt8(this.isExact ? 15 : 2, 13);
-    header.writeUInt32LE(file.readUInt32BE(16), 24);
-    header.writeUInt32LE(file.readUInt32BE(20), 28);
+    header.writeUInt8(kind, 12);
+    header.writeUInt8(flags, 13);
+    header.writeUInt32LE(width, 24);
+    header.writeUInt32LE(height, 28);
     header.writeUInt32LE(poseId, 32);
     [pose.x, pose.y, pose.z, pose.heading, pose.pitch, pose.roll, pose.vfov, 0, 8, 10].forEach((value, i) => header.writeDoubleLE(value, 40 + 8 * i));
     this.socket?.send(Buffer.concat([header, file]));
@@ -140,6 +154,18 @@ export class Fake {
       const isInside = ([x, y]: [number, number]) => x > 489760 && x < 510240 && y > 5189760 && y < 5210240;
       response.setHeader('content-type', 'application/json');
       response.end(JSON.stringify(places.map((place) => (isInside(place) ? 1200 + 300 * Math.sin(place[0] / 900) : null))));
+    } else if (path === '/api/path' && method === 'POST') {
+      let text = '';
+      for await (const part of response.req) text += String(part);
+      const name = new URL(url, 'http://localhost').searchParams.get('name')!;
+      const isBad = name.startsWith('bad');
+      response.statusCode = isBad ? 400 : 200;
+      response.setHeader('content-type', 'application/json');
+      response.end(isBad ? JSON.stringify({ error: { code: 'bad-path', text: `${name} is not valid JSON: expected value at line 2 column 10` } }) : text);
+    } else if (path.startsWith('/api/films')) {
+      this.films.push(`${method} ${path}`);
+      response.statusCode = method === 'POST' ? 507 : 204;
+      response.end(method === 'POST' ? JSON.stringify({ error: { code: 'no-room', text: 'the films of this server take 4.0 GB: remove one first' } }) : undefined);
     } else {
       const file = path === '/' ? 'index.html' : path.slice(1);
       const bytes = await readFile(join(WEB, 'dist', file)).catch(() => undefined);

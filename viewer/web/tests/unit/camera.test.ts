@@ -1,8 +1,9 @@
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
 import { apply, cssMatrix, invert, reprojection } from '../../src/math/homography';
-import { aboveGround, dragGround, dragSky, fly, lookAt, tiltAbout, turnAbout, zoomTo } from '../../src/math/navigate';
+import { aboveGround, dragGround, dragSky, fly, lookAt, nearWorld, tiltAbout, turnAbout, zoomTo } from '../../src/math/navigate';
 import { axesOf, eyeOf, focalOf, isPose, project, rayThrough, tidy, type Pose } from '../../src/math/pose';
+import { eyesOf, poseOfEye, projectIn } from '../../src/math/stereo';
 import { add, dot, length, scale, sub, turn, wrap, type Vec3 } from '../../src/math/vector';
 
 const SIZE = { width: 960, height: 540 };
@@ -53,6 +54,35 @@ test('a point of the picture and the place it shows lead to each other', () => {
     near(found.v, point.v, 1e-6);
     near(found.depth, 1234, 1e-6);
     assert.equal(project(pose, SIZE, sub(eyeOf(pose), scale(axesOf(pose).forward, 5))), undefined);
+  }
+});
+
+test('both eyes of a pair see a place where the renderer draws it', () => {
+  // As in viewer/src/sight.rs: straight down from a kilometre, eyes 80 m apart.
+  const down: Pose = { x: 500, y: 700, z: 1000, heading: 0, pitch: -90, roll: 0, vfov: 90 };
+  const [left, right] = eyesOf(80, 1000);
+  const size = { width: 200, height: 100 };
+  for (const eye of [left, right]) near(projectIn(eye, down, size, [110, 699, 0])!.u, 80.5, 1e-9);
+  // What is nearer than where the pictures meet is farther right for the left eye.
+  const [near_l, near_r] = [left, right].map((eye) => projectIn(eye, down, size, [500, 700, 500])!.u);
+  near(near_l! - near_r!, (50 * 80) / 500 - (50 * 80) / 1000, 1e-9);
+});
+
+test('each eye of a pair is moved to where the camera of now sees level ground', () => {
+  for (const pose of poses(40)) {
+    if (pose.pitch > -10) continue;
+    const seen = { ...pose, x: pose.x + 12, heading: pose.heading + 3, pitch: pose.pitch + 1 };
+    for (const eye of eyesOf(60, 2000)) {
+      const matrix = reprojection(pose, SIZE, seen, { width: 480, height: 270 }, 20, eye);
+      const ray = rayThrough(pose, SIZE, { u: 400, v: 500 });
+      const from = eyeOf(poseOfEye(pose, eye));
+      const place = add(from, scale(ray, (20 - from[2]) / ray[2]));
+      const [before, after] = [projectIn(eye, pose, SIZE, place), projectIn(eye, seen, { width: 480, height: 270 }, place)];
+      if (before === undefined || after === undefined) continue;
+      const found = apply(matrix, before.u, before.v)!;
+      near(found.u, after.u, 1e-6);
+      near(found.v, after.v, 1e-6);
+    }
   }
 });
 
@@ -119,6 +149,15 @@ test('flying goes where the camera looks, and stays out of the ground', () => {
   near(north.x - POSE.x, 10, 1e-9);
   assert.equal(aboveGround({ ...POSE, z: 90 }, 100).z, 102.5);
   assert.equal(aboveGround(POSE, 100), POSE);
+});
+
+test('flying ends where the server would refuse to go on', () => {
+  const [start, bounds] = [POSE, [[POSE.x - 1000, POSE.y - 500], [POSE.x + 1000, POSE.y + 500]]] as const;
+  assert.equal(nearWorld(start, bounds), start);
+  const far = nearWorld({ ...start, x: 1e9, y: -1e9 }, bounds);
+  // Twice the longer side from the corner at most.
+  const away = Math.hypot(far.x - bounds[1][0], far.y - bounds[0][1]);
+  assert.ok(away > 3900 && away < 4000, `${away}`);
 });
 
 test('looking at a place from a direction has it in the middle', () => {

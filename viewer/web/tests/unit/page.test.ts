@@ -1,16 +1,15 @@
 import assert from 'node:assert/strict';
 import { test } from 'node:test';
-import { turn } from '../../src/math/vector';
 import { readPicture } from '../../src/link/protocol';
-import { footprint, MapFrame, wholeWorld } from '../../src/map/mapview';
-import { between, poseAt, type Keyframe } from '../../src/math/flight';
+import { eachNode, MapFrame, wholeWorld } from '../../src/map/mapview';
+import { between } from '../../src/math/flight';
 import { lonLatOf } from '../../src/math/lonlat';
 import type { Pose } from '../../src/math/pose';
 import { chartOf, ticks, toSvg } from '../../src/measure/chart';
 import { toCsv, toGeoJson } from '../../src/measure/export';
 import { climbs, groundLength, planArea, planLength, stationsAlong } from '../../src/measure/geometry';
-import { fromJson, toJson } from '../../src/paths/file';
 import { fromHash, toHash } from '../../src/state/address';
+import { kindOfSun, nextSun, withClock, zoneOf } from '../../src/state/sun';
 import type { World } from '../../src/link/protocol';
 
 const POSE: Pose = { x: 560_000, y: 5_116_000, z: 3500, heading: 350, pitch: -24, roll: 0, vfov: 60 };
@@ -26,48 +25,6 @@ test('a flight between poses begins and ends at them, and turns the shorter way'
   near((between(POSE, end, 0.5, 500).heading + 360) % 360, 5, 1e-9);
 });
 
-test('a path goes through its keyframes, rests between equal ones and does not swing out', () => {
-  const keys: Keyframe[] = [
-    { ...POSE, t: 0 },
-    { ...POSE, t: 2 },
-    { ...POSE, t: 4, x: 560_100, heading: 10 },
-    { ...POSE, t: 8, x: 560_200, heading: 30 },
-  ];
-  for (const key of keys) near(poseAt(keys, key.t)!.x, key.x, 1e-9);
-  near(poseAt(keys, 1)!.x, 560_000, 1e-9);
-  let before = -Infinity;
-  for (let t = 0; t <= 8; t += 0.1) {
-    const { x } = poseAt(keys, t)!;
-    assert.ok(x >= before - 1e-9);
-    before = x;
-  }
-  near(turn(0, poseAt(keys, 3)!.heading), 0, 4);
-  assert.equal(poseAt([], 1), undefined);
-});
-
-test('a path file comes back as it was, and a wrong one says where it is wrong', () => {
-  const keys: Keyframe[] = [{ ...POSE, t: 0 }, { ...POSE, t: 4, x: 1.2346 }];
-  const read = fromJson(toJson(keys, 32610), 50, 32610);
-  near(read[1]!.x, 1.235, 1e-9);
-  assert.equal(read[0]!.vfov, 60);
-  const frames = fromJson('{"fps": 10, "frames": [{"x":1,"y":2,"z":3,"heading":4,"pitch":5},{"x":1,"y":2,"z":3,"heading":4,"pitch":5}]}', 50, null);
-  near(frames[1]!.t, 0.1, 1e-12);
-  const wrong = (text: string) => {
-    try {
-      fromJson(text, 60, 32610);
-    } catch (error) {
-      return (error as Error).message;
-    }
-    return '';
-  };
-  assert.match(wrong('{"keyframes": [\n{"t": 0,,}'), /^line 2: not JSON/);
-  assert.match(wrong('{"keyframes": [{"t":0,"x":1,"y":2,"z":3,"heading":4,"pitch":"down"}]}'), /frame 0: "pitch": expected a number, found "down"/);
-  assert.match(wrong('{"keyframes": [{"t":0,"x":1,"y":2,"z":3,"heading":4,"pitch":95}]}'), /from -90 to 90, found 95/);
-  assert.match(wrong('{"crs": "EPSG:4326", "keyframes": []}'), /EPSG:32610/);
-  assert.match(wrong('{"keyframes": []}'), /no frame/);
-  assert.match(wrong(toJson([{ ...POSE, t: 3 }, { ...POSE, t: 3 }], 32610)), /frame 1: "t"/);
-});
-
 test('a view goes through the address', () => {
   const pose = { ...POSE, x: 560_000.12345, roll: -3.5 };
   const read = fromHash(toHash(pose))!;
@@ -76,6 +33,18 @@ test('a view goes through the address', () => {
   assert.equal(fromHash(''), undefined);
   assert.equal(fromHash('#x=1&y=2&z=abc&heading=0&pitch=0'), undefined);
   assert.equal(fromHash('#x=1&y=2&z=3&heading=0&pitch=-100'), undefined);
+});
+
+test('the sun of a setting, and one by the clocks of the place', () => {
+  assert.deepEqual([null, 'OFF', 'auto', '120, -3', '2026-06-21 05:45'].map(kindOfSun), ['off', 'off', 'auto', 'angles', 'time']);
+  const now = new Date('2026-06-21T03:00Z');
+  // 127.5 degrees west: it is still the day before there.
+  assert.equal(nextSun('time', { ...WORLD, bounds: [[499_000, 0], [501_000, 1000]] }, now), '2026-06-20T09:00-08:00');
+  assert.equal(nextSun('time', { ...WORLD, epsg: null }, now), '2026-06-21T09:00Z');
+  assert.equal(nextSun('auto', undefined, now), 'auto');
+  assert.equal(withClock('2026-06-21T05:45:30-07:00', '2026-01-02T03:04'), '2026-01-02T03:04-07:00');
+  assert.equal(withClock('2026-06-21T05:45', '2026-01-02T03:04'), '2026-01-02T03:04Z');
+  assert.deepEqual(['2026-06-21T05:45Z', '2026-06-21T05:45', '2026-06-21T05:45+0530'].map(zoneOf), ['UTC', 'UTC', 'UTC+0530']);
 });
 
 test('longitudes and latitudes are those of PROJ', () => {
@@ -126,7 +95,13 @@ test('places of the map and of the world lead to each other, and the world fits'
   const [x, y] = frame.toWorld(u, v);
   near(x, 0, 1e-9);
   near(y, 1000, 1e-9);
-  assert.deepEqual(footprint([[0, 1, -1], [0, 1, 1]], [0, 0, 100], 0, 500).map(([, north]) => north), [100, 500]);
+});
+
+test('nodes of the quad tree lie where their numbers say', () => {
+  const world = { ...WORLD, bounds: [[100, 200], [2100, 1200]], node_side: [64, 32] } as unknown as World;
+  const found: number[][] = [];
+  eachNode([3, 1, 0, 0, 5, 2], world, (...node) => found.push(node));
+  assert.deepEqual(found, [[3, 100 + 512, 200, 100 + 1024, 200 + 256], [0, 100 + 320, 200 + 64, 100 + 384, 200 + 96]]);
 });
 
 test('the header of a picture is read, and what is not one is left alone', () => {

@@ -187,7 +187,7 @@ impl PoolWriter {
             self.slot_of.remove(&before.pack());
         }
         self.slot_of.insert(node.pack(), slot);
-        Some(FillGuard { place: Arc::clone(&self.place), key, is_open: true })
+        Some(FillGuard { place: Arc::clone(&self.place), key, is_open: true, has_memory: before.is_some() })
     }
 
     /// Records that a predicted view at frame `sequence` wants a node's tile: for eviction, this
@@ -259,6 +259,8 @@ pub struct FillGuard {
     place: Arc<WriterPlace>,
     key: SlotKey,
     is_open: bool,
+    /// Whether the slot has been filled before, and its memory is there.
+    has_memory: bool,
 }
 
 impl FillGuard {
@@ -272,6 +274,9 @@ impl FillGuard {
     pub fn bytes_mut(&mut self) -> &mut [u8] {
         let segment = &self.place.segment;
         let offset = segment.item_offset(self.key.slot.get().into());
+        if !std::mem::replace(&mut self.has_memory, true) {
+            segment.region().populate(offset, segment.geometry().item_bytes);
+        }
         // SAFETY: the claim gave us exclusive access to the slot (no frame in flight uses it, and
         // no reader takes a slot that is being filled); the slice borrows `self`, the only guard of
         // the slot.

@@ -20,15 +20,15 @@ pub(crate) struct FlightOrder {
     pub(crate) settings: StreamSettings,
 }
 
-/// Tells the launcher of wishes until the process ends.
+/// Tells the launcher of orders until the process ends.
 pub(crate) async fn tell_launcher(hub: Arc<Hub>) {
-    let mut wishes = hub.wish.subscribe();
-    while wishes.changed().await.is_ok() {
-        while let Ok(Ok(())) = tokio::time::timeout(SETTLES_AFTER, wishes.changed()).await {}
-        let wish = wishes.borrow_and_update().clone();
+    let mut orders = hub.order.subscribe();
+    while orders.changed().await.is_ok() {
+        while let Ok(Ok(())) = tokio::time::timeout(SETTLES_AFTER, orders.changed()).await {}
+        let order = orders.borrow_and_update().clone();
         // The launcher knows whether that is how it flies, or is about to.
-        if let Some(FlightOrder { size, settings }) = wish {
-            hub.link.tell(&FromViewer::Fly { size, settings });
+        if let Some(FlightOrder { size, settings }) = order {
+            hub.link.tell(&FromViewer::Fly { size, settings: Box::new(settings) });
         }
     }
 }
