@@ -6,7 +6,8 @@ use glam::DVec2;
 use std::f64::consts::TAU;
 use std::path::Path;
 use terravision_common::camera::{Camera, CameraFields};
-use terravision_common::database::{Database, TileScratch, ground_height};
+use terravision_common::database::{Database, TileScratch};
+use terravision_common::ground::ground_height;
 use terravision_common::shm::CameraRecord;
 
 /// Height of the camera above the ground below it, as a share of the world's shorter side, and at

@@ -7,6 +7,7 @@
 //! * [`tree`], [`slot`], [`outcome`], [`event`]: the records that processes exchange through shared
 //!   memory.
 //! * [`shm`]: the shared-memory segments themselves. [`database`]: reading a terrain database.
+//! * [`ground`]: questions to a world's ground: heights, lines of sight, swept spheres.
 //! * [`ids`]: newtypes for numbers that must not be mixed up.
 //! * [`lonlat`]: from longitude and latitude to a world's plane. [`validity`]: which ground was
 //!   measured. [`traversal`]: the search of the quad tree. [`node_table`]: a map from nodes
@@ -29,6 +30,7 @@ pub mod database;
 pub mod event;
 pub mod files;
 pub mod film;
+pub mod ground;
 pub mod ids;
 pub mod level;
 pub mod light;
@@ -36,6 +38,7 @@ pub mod light;
 pub mod log;
 pub mod lonlat;
 pub mod node;
+mod node_hasher;
 pub mod node_table;
 pub mod outcome;
 pub mod rate;

@@ -5,7 +5,8 @@
 mod support;
 
 use support::{TestFolder, Tiff, UTM, heights, job, run};
-use terravision_common::database::{TileScratch, TileSource, Voids, VoidsRecord, ground_at, ground_height};
+use terravision_common::database::{TileScratch, TileSource, Voids, VoidsRecord};
+use terravision_common::ground::{ground_at, ground_height};
 use terravision_common::node::NodeId;
 use terravision_common::validity::Validity;
 use terravision_ingest::source::Note;

@@ -8,7 +8,8 @@ mod support;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use support::{TestFolder, Tiff, job, run};
-use terravision_common::database::{Database, Layer, TileScratch, TileSource, color_tile_bytes, ground_height};
+use terravision_common::database::{Database, Layer, TileScratch, TileSource, color_tile_bytes};
+use terravision_common::ground::ground_height;
 use terravision_common::node::NodeId;
 use terravision_ingest::job::Job;
 

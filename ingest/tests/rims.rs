@@ -7,7 +7,8 @@ mod support;
 
 use std::path::PathBuf;
 use support::{TestFolder, Tiff, job, run};
-use terravision_common::database::{Database, TileScratch, ground_at};
+use terravision_common::database::{Database, TileScratch};
+use terravision_common::ground::ground_at;
 use terravision_common::validity::Validity;
 
 const VOID: f32 = -9999.0;

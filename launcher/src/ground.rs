@@ -4,10 +4,9 @@ use crate::path::orbit::Extent;
 use crate::path::{Ground, Pose};
 use glam::{DVec2, DVec3};
 use std::cell::RefCell;
-use std::collections::HashMap;
-use terravision_common::database::{Layer, NodeRanges, TileScratch, TileSource};
-use terravision_common::node::NodeId;
-use terravision_common::surface::tile::{GroundPoint, node_ground};
+use terravision_common::database::{NodeRanges, TileSource};
+use terravision_common::ground::{GroundScratch, GroundTiles, Interpolation};
+use terravision_common::surface::tile::GroundPoint;
 use terravision_common::validity::Validity;
 use terravision_common::world::World;
 
@@ -16,26 +15,17 @@ pub const CLEARANCE_M: f64 = 2.0;
 /// A camera that is farther from the world than this many times the world's longer side sees
 /// nothing of it.
 pub const FAR_FROM_WORLD: f64 = 2.0;
-/// Tiles that are kept; a flight goes on from the tile where it was.
-const KEPT_TILES: usize = 512;
+/// Tiles that are kept, bytes; a flight goes on from the tile where it was.
+const KEPT_BYTES: usize = 16 << 20;
 
 /// Heights of a world's ground, exaggerated as it is drawn, at positions in its CRS. For one
 /// thread; blocks on storage.
 pub struct WorldGround<'a> {
-    source: &'a dyn TileSource,
-    world: &'a World,
+    tiles: GroundTiles<'a>,
     exaggeration: f64,
     /// Finest level that is read.
     level: u8,
-    ranges: Option<&'a NodeRanges>,
-    cache: RefCell<Cache>,
-}
-
-#[derive(Default)]
-struct Cache {
-    scratch: TileScratch,
-    /// Posts, and their shares, by node; `None` for a tile that cannot be read.
-    tiles: HashMap<NodeId, Option<Vec<f32>>>,
+    scratch: RefCell<GroundScratch>,
 }
 
 impl std::fmt::Debug for WorldGround<'_> {
@@ -48,21 +38,15 @@ impl<'a> WorldGround<'a> {
     /// The ground at the finest level.
     #[must_use]
     pub fn finest(source: &'a dyn TileSource, world: &'a World, exaggeration: f64) -> Self {
-        Self {
-            source,
-            world,
-            exaggeration,
-            level: world.finest_elevation_level(),
-            ranges: None,
-            cache: RefCell::default(),
-        }
+        let tiles = GroundTiles::new(source, world, KEPT_BYTES);
+        Self { tiles, exaggeration, level: world.finest_elevation_level(), scratch: RefCell::default() }
     }
 
     /// With the ranges of height of the same world, which tell of most places that the ground is
     /// far below.
     #[must_use]
     pub fn bounded(self, ranges: &'a NodeRanges) -> Self {
-        Self { ranges: Some(ranges), ..self }
+        Self { tiles: self.tiles.bounded(ranges), ..self }
     }
 
     /// The ground at the coarsest level whose posts are not farther apart than `spacing_m` (or the
@@ -77,40 +61,22 @@ impl<'a> WorldGround<'a> {
     /// The world's extent in its CRS.
     #[must_use]
     pub fn extent(&self) -> Extent {
-        let [low, high] = self.world.crs_bounds();
+        let [low, high] = self.tiles.world().crs_bounds();
         Extent { low, high }
     }
 
-    /// The foot of a position; `None` outside the world.
-    fn foot(&self, x: f64, y: f64) -> Option<DVec2> {
-        let foot = self.world.crs_frame().foot(DVec2::new(x, y));
-        self.world.surface().holds(foot).then_some(foot)
-    }
-
-    /// The ground at a foot inside one node's square; `None` when the tile cannot be read.
-    fn ground_in(&self, node: NodeId, foot: DVec2) -> Option<GroundPoint> {
-        let mut cache = self.cache.borrow_mut();
-        let Cache { scratch, tiles } = &mut *cache;
-        if tiles.len() > KEPT_TILES {
-            tiles.clear();
-        }
-        let tile = tiles.entry(node).or_insert_with(|| {
-            let mut values = vec![0f32; self.world.elevation_values()];
-            self.source.read_elevation(node, &mut values, scratch).is_ok().then_some(values)
-        });
-        Some(node_ground(&self.world.surface(), node, tile.as_ref()?, foot))
+    /// The foot of a position in the CRS.
+    fn foot(&self, x: f64, y: f64) -> DVec2 {
+        self.tiles.world().crs_frame().foot(DVec2::new(x, y))
     }
 
     /// The ground at a position, its height exaggerated; `None` outside the world, or where no tile
     /// can be had.
     #[must_use]
     pub fn at(&self, x: f64, y: f64) -> Option<GroundPoint> {
-        let foot = self.foot(x, y)?;
-        // A tile that cannot be read is drawn from its parent, so the ground is its parent's too.
-        let ground = (self.level..self.world.levels())
-            .filter_map(|q| self.world.surface().node_at(foot, q))
-            .filter(|node| self.ranges.is_none_or(|ranges| ranges.has_tile(Layer::Elevation, *node)))
-            .find_map(|node| self.ground_in(node, foot))?;
+        let scratch = &mut *self.scratch.borrow_mut();
+        let sample = self.tiles.sample_from(self.foot(x, y), self.level, Interpolation::Facet, scratch).ok()?;
+        let ground = sample.found.ground;
         Some(GroundPoint { height_m: ground.height_m * self.exaggeration, ..ground })
     }
 }
@@ -126,11 +92,7 @@ impl Ground for WorldGround<'_> {
     }
 
     fn bound_m(&self, x: f64, y: f64) -> Option<f64> {
-        let (foot, ranges) = (self.foot(x, y)?, self.ranges?);
-        // Where the finest levels are not there, the ground is that of a coarser one.
-        let nodes = (self.level..self.world.levels()).filter_map(|q| self.world.surface().node_at(foot, q));
-        let range = nodes.into_iter().find_map(|node| ranges.range(node))?;
-        Some(f64::from(range[1]) * self.exaggeration)
+        self.tiles.highest_m(self.foot(x, y), self.level).map(|highest| highest * self.exaggeration)
     }
 }
 
@@ -152,7 +114,8 @@ pub fn lift(pose: &mut Pose, ground: &dyn Ground) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use terravision_common::database::{Layer, TileError};
+    use terravision_common::database::{Layer, TileError, TileScratch};
+    use terravision_common::node::NodeId;
     use terravision_common::world::WorldFields;
     use terravision_testkit::worlds::fields;
 

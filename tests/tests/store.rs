@@ -385,7 +385,7 @@ fn info_tells_where_a_world_lies_and_where_it_is_highest() {
     for (name, side) in [("highest", 1), ("lowest", 0)] {
         let place = numbers(&told[name]["place"]);
         let [x, y] = [place[0] - origin[0], place[1] - origin[1]];
-        let ground = terravision_common::database::ground_height(&local, local.world(), x, y, &mut scratch).unwrap();
+        let ground = terravision_common::ground::ground_height(&local, local.world(), x, y, &mut scratch).unwrap();
         assert_eq!(told[name]["height_m"].as_f64(), ground);
         let expected = local.manifest().fields().elevation.range_m[side];
         assert!((ground.unwrap() - expected).abs() < 0.01, "{name}: {ground:?}, expected {expected}");

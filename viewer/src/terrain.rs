@@ -2,17 +2,15 @@
 
 use glam::DVec2;
 use serde_json::{Value, json};
-use std::collections::HashMap;
-use std::sync::{Mutex, PoisonError};
-use terravision_common::database::{TileError, TileScratch, TileSource, ground_at};
-use terravision_common::node::NodeId;
+use terravision_common::ground::{GroundScratch, GroundTiles, Interpolation};
 use terravision_common::run::DatabaseConfig;
 use terravision_common::surface::CrsFrame;
+use terravision_common::surface::tile::GroundPoint;
 use terravision_common::validity::Validity;
 use terravision_store::{Location, Store, StoreOptions};
 
-/// Tiles that one question keeps: points that are asked together are often neighbours.
-const KEPT_TILES: usize = 256;
+/// Tiles that one question keeps, bytes: points that are asked together are often neighbours.
+const KEPT_BYTES: usize = 16 << 20;
 
 /// A camera that is farther from the world than this many times the world's longer side is refused.
 const FAR_FROM_WORLD: f64 = 2.0;
@@ -50,19 +48,16 @@ impl Terrain {
     /// Heights of the ground at places in the CRS, metres; `None` outside of the world, in holes
     /// and where no tile can be had. Blocks on storage.
     pub(crate) fn heights(&self, places: &[[f64; 2]]) -> Vec<Option<f64>> {
-        let source = Kept { store: &self.store, tiles: Mutex::default() };
-        let (world, mut scratch, mut is_told) = (self.store.world(), TileScratch::default(), false);
-        let height = |&[x, y]: &[f64; 2]| {
-            let foot = world.crs_frame().foot([x, y].into());
-            let read = ground_at(&source, world, foot.x, foot.y, &mut scratch);
-            if let (Err(error), false) = (&read, is_told) {
-                tracing::warn!(%error, "a question for heights met a tile that cannot be read");
-                is_told = true;
-            }
-            let ground = read.ok()??;
-            (ground.validity != Validity::Hole).then_some(ground.height_m)
-        };
-        places.iter().map(height).collect()
+        let world = self.store.world();
+        let tiles = GroundTiles::new(&self.store, world, KEPT_BYTES).bounded(self.store.ranges());
+        let feet: Vec<DVec2> = places.iter().map(|place| world.crs_frame().foot((*place).into())).collect();
+        let mut answers = Vec::with_capacity(feet.len());
+        tiles.sample_all(&feet, Interpolation::Facet, &mut GroundScratch::default(), &mut answers);
+        if let Some((_, error)) = tiles.take_failures() {
+            tracing::warn!(%error, "a question for heights met a tile that cannot be read");
+        }
+        let height = |ground: &GroundPoint| (ground.validity != Validity::Hole).then_some(ground.height_m);
+        answers.iter().map(|answer| height(&answer.ok()?.found.ground)).collect()
     }
 
     /// `world` of the protocol, without the camera's start.
@@ -84,30 +79,5 @@ impl Terrain {
             "node_side": node_side,
             "post_spacing_m": world.elevation_spacing_m(world.finest_elevation_level()),
         })
-    }
-}
-
-/// A store that remembers the tiles of one question.
-struct Kept<'a> {
-    store: &'a Store,
-    tiles: Mutex<HashMap<NodeId, Vec<f32>>>,
-}
-
-impl TileSource for Kept<'_> {
-    fn read_elevation(&self, node: NodeId, out: &mut [f32], scratch: &mut TileScratch) -> Result<(), TileError> {
-        let mut tiles = self.tiles.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(kept) = tiles.get(&node) {
-            out.copy_from_slice(kept);
-            return Ok(());
-        }
-        self.store.read_elevation(node, out, scratch)?;
-        if tiles.len() < KEPT_TILES {
-            tiles.insert(node, out.to_vec());
-        }
-        Ok(())
-    }
-
-    fn read_color(&self, node: NodeId, out: &mut [u8], scratch: &mut TileScratch) -> Result<(), TileError> {
-        self.store.read_color(node, out, scratch)
     }
 }

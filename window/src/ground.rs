@@ -4,21 +4,19 @@
 use crate::hands::view::{eye_of, ray_through};
 use crate::hands::{Answer, Question};
 use glam::{DVec2, DVec3};
-use std::collections::HashMap;
 use std::ffi::OsStr;
 use std::io;
 use std::sync::mpsc::{SyncSender, sync_channel};
-use terravision_common::database::{Layer, NodeRanges, TileScratch, TileSource};
-use terravision_common::node::NodeId;
+use terravision_common::database::{NodeRanges, TileSource};
+use terravision_common::ground::{GroundScratch, GroundTiles, Interpolation};
 use terravision_common::run::DatabaseConfig;
-use terravision_common::surface::tile::node_ground;
 use terravision_common::validity::Validity;
 use terravision_common::viewer::ViewerPose;
 use terravision_common::world::World;
 use terravision_store::{Location, Store, StoreOptions};
 
-/// Tiles that are kept: a camera goes on from where it was.
-const KEPT_TILES: usize = 256;
+/// Tiles that are kept, bytes: a camera goes on from where it was.
+const KEPT_BYTES: usize = 16 << 20;
 /// Questions that wait. Hands ask one at a time of a kind.
 const MOST_QUESTIONS: usize = 64;
 /// Steps along a ray at most; what is farther shows as sky.
@@ -30,18 +28,16 @@ const HALVINGS: u32 = 24;
 
 /// The ground of a world, exaggerated as it is drawn.
 pub struct Ground<'a> {
-    source: &'a dyn TileSource,
+    tiles: GroundTiles<'a>,
     world: World,
     ranges: &'a NodeRanges,
     exaggeration: f64,
-    scratch: TileScratch,
-    /// `None` for a tile that cannot be read.
-    tiles: HashMap<NodeId, Option<Vec<f32>>>,
+    scratch: GroundScratch,
 }
 
 impl std::fmt::Debug for Ground<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Ground").field("tiles", &self.tiles.len()).finish_non_exhaustive()
+        f.debug_struct("Ground").field("tiles", &self.tiles).finish_non_exhaustive()
     }
 }
 
@@ -50,36 +46,22 @@ impl<'a> Ground<'a> {
     #[must_use]
     pub fn new(source: &'a dyn TileSource, ranges: &'a NodeRanges, exaggeration: f64) -> Self {
         let world = *ranges.world();
-        Self { source, world, ranges, exaggeration, scratch: TileScratch::default(), tiles: HashMap::new() }
+        let tiles = GroundTiles::new(source, &world, KEPT_BYTES).bounded(ranges);
+        Self { tiles, world, ranges, exaggeration, scratch: GroundScratch::default() }
     }
 
     /// Height at a foot, of tiles no finer than a level; `None` outside the world and in holes.
     fn height_m(&mut self, foot: DVec2, level: u8) -> Option<f64> {
-        let Self { source, world, ranges, exaggeration, scratch, tiles } = self;
-        let surface = world.surface();
-        // A tile that cannot be read is drawn from its parent.
-        let nodes = (level..world.levels()).filter_map(|q| surface.node_at(foot, q));
-        for node in nodes.filter(|node| ranges.has_tile(Layer::Elevation, *node)) {
-            if tiles.len() > KEPT_TILES {
-                tiles.clear();
-            }
-            let tile = tiles.entry(node).or_insert_with(|| {
-                let mut values = vec![0f32; world.elevation_values()];
-                source.read_elevation(node, &mut values, scratch).is_ok().then_some(values)
-            });
-            if let Some(tile) = tile {
-                let ground = node_ground(&surface, node, tile, foot);
-                return (ground.validity != Validity::Hole).then_some(ground.height_m * *exaggeration);
-            }
-        }
-        None
+        let sample = self.tiles.sample_from(foot, level, Interpolation::Facet, &mut self.scratch).ok()?;
+        let ground = sample.found.ground;
+        (ground.validity != Validity::Hole).then_some(ground.height_m * self.exaggeration)
     }
 
     /// Height of the ground at a place in the CRS; `None` beside the world and in holes.
     #[must_use]
     pub fn below(&mut self, [x, y]: [f64; 2]) -> Option<f64> {
         let foot = self.world.crs_frame().foot(DVec2::new(x, y));
-        self.world.surface().holds(foot).then(|| self.height_m(foot, self.world.finest_elevation_level()))?
+        self.height_m(foot, self.world.finest_elevation_level())
     }
 
     /// The place that a ray of depth 1 from a pose meets; `pixel` is how wide a pixel is at depth 1.
@@ -231,7 +213,8 @@ pub fn sky(question: &Question) -> Answer {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use terravision_common::database::TileError;
+    use terravision_common::database::{Layer, TileError, TileScratch};
+    use terravision_common::node::NodeId;
     use terravision_common::world::WorldFields;
     use terravision_testkit::worlds::fields;
 

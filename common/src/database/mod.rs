@@ -20,7 +20,6 @@ mod archive_layout;
 mod color;
 mod directory;
 mod elevation;
-mod ground;
 mod index;
 mod leaves;
 mod manifest;
@@ -39,7 +38,6 @@ pub use elevation::{
     ElevationCodecError, HEIGHT_STEPS_PER_M, decode_elevation_planes, decode_elevation_tile, encode_elevation_tile,
     encode_elevation_tile_with_validity,
 };
-pub use ground::{ground_at, ground_height};
 pub use index::{Index, read_world};
 pub use leaves::{Leaves, MOST_LEAF_BYTES};
 pub use manifest::{

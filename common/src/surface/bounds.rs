@@ -41,6 +41,25 @@ impl WorldBox {
         (direction * self.min).min(direction * self.max).element_sum()
     }
 
+    /// Where a straight way from `start` meets the box, widened by a margin on all sides: the share
+    /// of the way, 0 to 1; `None` where it passes by.
+    #[must_use]
+    pub fn met_by(&self, start: DVec3, way: DVec3, margin: f64) -> Option<f64> {
+        let (mut enter, mut leave) = (0.0f64, 1.0f64);
+        for axis in 0..3 {
+            let [low, high] = [self.min[axis] - margin - start[axis], self.max[axis] + margin - start[axis]];
+            if way[axis] == 0.0 {
+                if low > 0.0 || high < 0.0 {
+                    return None;
+                }
+                continue;
+            }
+            let [a, b] = [low / way[axis], high / way[axis]];
+            (enter, leave) = (enter.max(a.min(b)), leave.min(a.max(b)));
+        }
+        (enter <= leave).then_some(enter)
+    }
+
     /// The box, extended down to this height.
     #[must_use]
     pub fn down_to(mut self, height_m: f64) -> Self {

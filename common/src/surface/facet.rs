@@ -49,12 +49,33 @@ pub fn is_south_east<H: Height>(u: H, v: H) -> bool {
     u >= v
 }
 
+/// The corners of the two facets of a cell, south eastern half first, each counter-clockwise seen
+/// from above. Corners: 0 south west, 1 south east, 2 north west, 3 north east.
+pub const FACET_CORNERS: [[usize; 3]; 2] = [[0, 1, 3], [0, 3, 2]];
+
 /// Rise per cell east and north, on the south eastern half of a cell or on the other half. Corners:
 /// south west, south east, north west, north east.
 #[inline(always)]
 #[must_use]
 pub fn facet_slope<H: Height>([sw, se, nw, ne]: [H; 4], is_south_east: bool) -> [H; 2] {
     if is_south_east { [se - sw, ne - se] } else { [ne - nw, nw - sw] }
+}
+
+/// Bilinear elevation inside one cell: what programs make of the same posts that know no facets.
+/// Corners: south west, south east, north west, north east.
+#[inline(always)]
+#[must_use]
+pub fn bilinear<H: Height>([sw, se, nw, ne]: [H; 4], u: H, v: H) -> H {
+    let (south, north) = (sw + u * (se - sw), nw + u * (ne - nw));
+    south + v * (north - south)
+}
+
+/// Rise per cell east and north of [`bilinear`] elevation, at a point.
+#[inline(always)]
+#[must_use]
+pub fn bilinear_slope<H: Height>([sw, se, nw, ne]: [H; 4], u: H, v: H) -> [H; 2] {
+    let ([south, north], [west, east]) = ([se - sw, ne - nw], [nw - sw, ne - se]);
+    [south + v * (north - south), west + u * (east - west)]
 }
 
 #[cfg(test)]
@@ -67,6 +88,16 @@ mod tests {
         assert_eq!([f(0.0, 0.0), f(1.0, 0.0), f(0.0, 1.0), f(1.0, 1.0)], [1.0, 2.0, 4.0, 8.0]);
         assert_eq!([f(0.5, 0.0), f(0.0, 0.5), f(1.0, 0.5), f(0.5, 1.0)], [1.5, 2.5, 5.0, 6.0]);
         assert_eq!([f(0.25, 0.25), f(0.5, 0.5)], [2.75, 4.5]);
+    }
+
+    #[test]
+    fn bilinear_elevation_is_linear_along_edges_and_has_its_slope() {
+        let corners = [1.0, 2.0, 4.0, 8.0];
+        let f = |u, v| bilinear(corners, u, v);
+        assert_eq!([f(0.0, 0.0), f(1.0, 0.0), f(0.0, 1.0), f(1.0, 1.0)], corners);
+        assert_eq!([f(0.5, 0.0), f(0.0, 0.5), f(0.5, 0.5)], [1.5, 2.5, 3.75]);
+        let [east, north] = bilinear_slope(corners, 0.25, 0.5);
+        assert_eq!([f(0.5, 0.5) - f(0.0, 0.5), f(0.25, 0.75) - f(0.25, 0.25)], [0.5 * east, 0.5 * north]);
     }
 
     #[test]

@@ -1,9 +1,9 @@
 //! A reader's index of a pool: where each node's tile is, and which tiles the reader pins.
 
-use super::node_hasher::NodeHasher;
 use super::reader::{PoolBytes, PoolReader};
 use crate::ids::{Generation, Sequence, SlotIndex, SlotKey};
 use crate::node::NodeId;
+use crate::node_hasher::NodeHasher;
 use std::collections::HashMap;
 use std::hash::BuildHasherDefault;
 

@@ -7,7 +7,6 @@
 //! waits for frames to complete.
 
 mod index;
-mod node_hasher;
 mod reader;
 mod writer;
 

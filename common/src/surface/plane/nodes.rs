@@ -27,10 +27,17 @@ impl Plane {
     #[must_use]
     pub fn node_bounds(&self, node: NodeId, [a, b]: [f64; 2]) -> WorldBox {
         let (side, low) = (self.node_side(node.q()), self.node_origin(node));
-        let high = [0, 1].map(|axis| self.canonical(axis, low[axis] + side) as f64 * self.unit_m);
+        let high = [0, 1].map(|axis| self.canonical(axis, low[axis] + side));
+        self.lattice_bounds(low, high, [a, b])
+    }
+
+    /// Bounds of the ground of a rectangle of the lattice. Its heights, exaggerated, lie between
+    /// the last two.
+    #[must_use]
+    pub fn lattice_bounds(&self, low: [u64; 2], high: [u64; 2], [a, b]: [f64; 2]) -> WorldBox {
         WorldBox {
             min: DVec3::new(low[0] as f64 * self.unit_m, low[1] as f64 * self.unit_m, a.min(b)),
-            max: DVec3::new(high[0], high[1], a.max(b)),
+            max: DVec3::new(high[0] as f64 * self.unit_m, high[1] as f64 * self.unit_m, a.max(b)),
         }
     }
 

@@ -90,6 +90,15 @@ impl Plane {
         DVec3::Z
     }
 
+    /// The unit normal of ground at a foot that rises by so many metres over a cell of level `q`,
+    /// east and north: east, north and up in the local frame of the foot.
+    #[inline]
+    #[must_use]
+    pub fn normal(&self, _foot: DVec2, q: u8, [per_east, per_north]: [f64; 2]) -> DVec3 {
+        let spacing_m = self.spacing_m(q);
+        DVec3::new(-per_east, -per_north, spacing_m).normalize()
+    }
+
     /// The lattice point south west of a position, clamped to the extent.
     #[inline]
     #[must_use]

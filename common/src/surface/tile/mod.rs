@@ -2,7 +2,7 @@
 //!
 //! Tiles and elevation arrays have `(cells + 1)²` numbers, row 0 the southern one.
 
-use super::facet::facet_linear;
+use super::facet::{bilinear, bilinear_slope, facet_linear, facet_slope, is_south_east};
 use super::{LatticePoint, Surface};
 use crate::node::NodeId;
 use crate::validity::{GROUND_PLANE, MEASURED_PLANE, PLANES, Validity};
@@ -78,16 +78,60 @@ pub struct GroundPoint {
 /// border.
 #[must_use]
 pub fn node_ground(surface: &Surface, node: NodeId, values: &[f32], foot: DVec2) -> GroundPoint {
+    node_ground_with_slope(surface, node, values, foot, Interpolation::Facet).ground
+}
+
+/// How heights between posts are found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Interpolation {
+    /// Linear on facets: the ground as it is drawn, and as everything that is drawn with it needs
+    /// it.
+    #[default]
+    Facet,
+    /// Bilinear in cells, as in most programs that read rasters.
+    Bilinear,
+}
+
+/// The ground at a point, and how it rises there.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SlopedGround {
+    /// The ground.
+    pub ground: GroundPoint,
+    /// Rise over a cell of the tile, metres: east and north.
+    pub slope: [f64; 2],
+}
+
+/// [`node_ground`] with its slope, by either interpolation. Validity is linear on facets in both.
+#[inline]
+#[must_use]
+pub fn node_ground_with_slope(
+    surface: &Surface,
+    node: NodeId,
+    values: &[f32],
+    foot: DVec2,
+    interpolation: Interpolation,
+) -> SlopedGround {
     let cells = surface.cells();
-    let plane = (cells as usize + 1).pow(2);
+    let stride = cells as usize + 1;
     let place = surface.place_in_node(foot, node);
     let [x, y] = [place.x, place.y].map(|at| CellPosition::within(at, cells));
-    let at = |index: usize| tile_elevation(&values[index * plane..], cells, x, y);
+    let (south, plane) = (y.cell as usize * stride + x.cell as usize, stride * stride);
+    let z = |index: usize| f64::from(values[index]);
+    let corners = [z(south), z(south + 1), z(south + stride), z(south + stride + 1)];
+    let (u, v) = (x.offset, y.offset);
+    let (height_m, slope) = match interpolation {
+        Interpolation::Facet => {
+            let [sw, se, nw, ne] = corners;
+            (facet_linear(sw, se, nw, ne, u, v), facet_slope(corners, is_south_east(u, v)))
+        }
+        Interpolation::Bilinear => (bilinear(corners, u, v), bilinear_slope(corners, u, v)),
+    };
+    let share = |index: usize| tile_elevation(&values[index * plane..], cells, x, y);
     let validity = match values.len() >= PLANES * plane {
-        true => Validity::of_shares(at(GROUND_PLANE), at(MEASURED_PLANE)),
+        true => Validity::of_shares(share(GROUND_PLANE), share(MEASURED_PLANE)),
         false => Validity::Measured,
     };
-    GroundPoint { height_m: at(0), validity }
+    SlopedGround { ground: GroundPoint { height_m, validity }, slope }
 }
 
 #[cfg(test)]

@@ -3,11 +3,11 @@
 
 mod eviction;
 
-use super::node_hasher::NodeHasher;
 use super::reader::{PoolBytes, PoolReader, bytes, numbered, slots};
 use super::{check_is_pool, table};
 use crate::ids::{Sequence, SlotIndex, SlotKey};
 use crate::node::NodeId;
+use crate::node_hasher::NodeHasher;
 use crate::shm::error::ShmError;
 use crate::shm::header::{Role, RoleClaim, Segment};
 use crate::shm::kind::SegmentKind;

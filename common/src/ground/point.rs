@@ -1,6 +1,6 @@
-//! The ground at a point.
+//! The ground at a point, for programs that ask once.
 
-use super::{TileError, TileScratch, TileSource};
+use crate::database::{TileError, TileScratch, TileSource};
 use crate::surface::tile::{GroundPoint, node_ground};
 use crate::world::World;
 use glam::DVec2;

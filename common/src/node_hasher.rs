@@ -1,4 +1,4 @@
-//! The hash of the pool writer's map.
+//! The hash of maps from nodes.
 
 use std::hash::Hasher;
 
