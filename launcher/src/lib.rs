@@ -9,6 +9,7 @@
 //! * [`data_set`]: poses and intrinsics beside depth and ground of whole flights.
 //! * [`device`]: the Vulkan device, and whether colour tiles are compressed for it.
 //! * [`serve`]: a flight and a viewer for web browsers.
+//! * [`query`]: questions to the ground.
 //! * [`sun`]: where the sun stands.
 //! * [`world`]: the terrain database that a command is about, wherever it is.
 //! * [`command`]: commands that fly nothing. [`machine`], [`process`]: what this machine has, and
@@ -28,6 +29,7 @@ pub mod output;
 pub mod path;
 pub mod plan;
 pub mod process;
+pub mod query;
 pub mod rig_file;
 pub mod serve;
 pub mod stream;
@@ -90,6 +92,7 @@ fn dispatch(command: Command, started_nanos: u64) -> Result<(), Failure> {
         Command::Info(args) => info::info(&args),
         Command::Doctor(args) => doctor::doctor(&args),
         Command::Path(args) => export::export(&args),
+        Command::Query(args) => query::query(&args),
         Command::Fly(args) => flight::run(plan::fly(&args)?, started_nanos),
         Command::Still(args) => flight::run(plan::still(&args)?, started_nanos),
         Command::View(args) => flight::run(plan::view(*args)?, started_nanos),

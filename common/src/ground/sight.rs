@@ -7,7 +7,7 @@ use super::{Answer, Interpolation, NoGround};
 use crate::validity::Validity;
 use glam::DVec3;
 
-/// An end that is not as far above the ground as this, metres, counts as being so far above it: a
+/// An end that is not as far above the ground as this, metres, counts as being that far above it: a
 /// place on the ground can be seen, although it is part of what hides what is behind it. Heights in
 /// tiles are exact to 1/128 m.
 pub const NEAR_GROUND_M: f64 = 0.01;

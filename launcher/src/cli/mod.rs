@@ -14,6 +14,7 @@ pub mod path;
 pub mod picture;
 pub mod planes;
 pub mod pose;
+pub mod query;
 pub mod realtime;
 pub mod resources;
 pub mod serve;
@@ -28,6 +29,7 @@ use clap::{Args, Parser, Subcommand};
 use database::DatabaseArgs;
 use fly::FlyArgs;
 use path::PathArgs;
+use query::QueryArgs;
 use serve::ServeArgs;
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -107,6 +109,9 @@ pub enum Command {
     View(Box<ViewArgs>),
     /// Write the poses of a camera path, one per frame, as JSON that can be edited and flown
     Path(Box<PathArgs>),
+    /// Answer questions about the ground: heights, normals, lines of sight, swept spheres; by lines
+    /// of text, or on a socket
+    Query(Box<QueryArgs>),
     /// Measure how fast the stages, the queues between them, both techniques and ingest are
     #[command(disable_help_flag = true)]
     Bench(ExecArgs),

@@ -86,6 +86,9 @@ impl fmt::Debug for Georeference {
     }
 }
 
+/// Steps of [`Transform::source_of`]: three find a place that is kilometres away.
+const MOST_NEWTON_STEPS: u32 = 20;
+
 /// The way of a path's coordinates into the world's CRS.
 #[expect(clippy::large_enum_variant, reason = "a path has one")]
 enum Way {
@@ -326,6 +329,32 @@ impl Transform {
             let (from, world) = (self.from_name.clone(), self.to_name.clone());
             CrsError::NoPlace { x, y, from, world, source }
         })
+    }
+
+    /// The coordinates that [`Transform::position`] brings to a place in the world's CRS, found from
+    /// others that are not far from them; `None` where no such coordinates are found.
+    #[must_use]
+    pub fn source_of(&self, place: DVec2, near: [f64; 2]) -> Option<[f64; 2]> {
+        // A step of about a metre, as in `heading`.
+        let step = if self.is_from_lonlat() { 1e-5 } else { 1.0 };
+        let at = |x: f64, y: f64| self.position(x, y).ok();
+        let [mut x, mut y] = near;
+        for _ in 0..MOST_NEWTON_STEPS {
+            let found = at(x, y)?;
+            let missing = place - found;
+            // A hundredth of a millimetre.
+            if missing.length() < 1e-5 {
+                return Some([x, y]);
+            }
+            // Away from the pole, so that the step never leaves the sphere.
+            let north = if y > 0.0 { -step } else { step };
+            let per_x = (at(x + step, y)? - found) / step;
+            let per_y = (at(x, y + north)? - found) / north;
+            let determinant = per_x.perp_dot(per_y);
+            x += missing.perp_dot(per_y) / determinant;
+            y += per_x.perp_dot(missing) / determinant;
+        }
+        None
     }
 
     /// A heading in the world's CRS: what was north there is not quite north here (meridian

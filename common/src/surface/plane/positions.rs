@@ -90,7 +90,7 @@ impl Plane {
         DVec3::Z
     }
 
-    /// The unit normal of ground at a foot that rises by so many metres over a cell of level `q`,
+    /// The unit normal of ground at a foot that rises by this much over a cell of level `q`, metres
     /// east and north: east, north and up in the local frame of the foot.
     #[inline]
     #[must_use]

@@ -188,3 +188,15 @@ proptest! {
         drop(Georeference::new(String::new(), None, Some(&crs)).from_lonlat());
     }
 }
+
+#[test]
+fn the_way_back_from_the_worlds_crs_is_found() {
+    let world = Georeference::new("UTM 10N".into(), Some(32610), Some("+proj=utm +zone=10 +datum=WGS84 +units=m"));
+    let transform = world.from_lonlat().unwrap();
+    for [lon, lat] in [[-122.2, 46.2], [-125.9, 1.0], [-120.1, -33.0], [-123.0, 83.0]] {
+        let place = transform.position(lon, lat).unwrap();
+        let [x, y] = transform.source_of(place, [lon + 0.2, lat - 0.1]).unwrap();
+        assert!((x - lon).abs() < 1e-8 && (y - lat).abs() < 1e-8, "{lon} {lat}: {x} {y}");
+    }
+    assert!(transform.source_of(DVec2::splat(f64::NAN), [0.0, 0.0]).is_none());
+}
