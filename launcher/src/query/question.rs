@@ -151,7 +151,8 @@ impl<'a> Asker<'a> {
     fn heights(&mut self, terms: &Terms, given: Vec<Given>, replies: &mut Vec<Reply>) {
         let mut feet = std::mem::take(&mut self.feet);
         let mut samples = std::mem::take(&mut self.samples);
-        (feet.clear(), samples.clear());
+        feet.clear();
+        samples.clear();
         let places: Vec<Result<Option<f64>, Refusal>> = given
             .into_iter()
             .map(|given| {

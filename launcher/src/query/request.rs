@@ -50,13 +50,12 @@ pub(super) fn answer(asker: &mut Asker<'_>, terms: &Terms, line: &[u8], out: &mu
     let request = serde_json::from_slice::<Request>(line).map_err(|error| {
         format!("not a request: {error}; expected an object like {{\"ask\": \"height\", \"points\": [[x, y]]}}")
     });
-    let answer = request.and_then(|request| {
+    let answer = request.map(|request| {
         let id = request.id.clone();
-        let answers = answers(asker, terms, request).map_err(|error| (id.clone(), error));
-        Ok(match answers {
+        match answers(asker, terms, request) {
             Ok(answers) => json!({"id": id, "answers": answers}),
-            Err((id, error)) => json!({"id": id, "error": error}),
-        })
+            Err(error) => json!({"id": id, "error": error}),
+        }
     });
     let answer = answer.unwrap_or_else(|error| json!({"id": null, "error": error}));
     out.extend(answer.to_string().as_bytes());

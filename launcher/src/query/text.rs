@@ -106,8 +106,7 @@ fn put(out: &mut Vec<u8>, numbers: &[f64], decimals: u32) {
     for number in numbers {
         out.push(b' ');
         let scaled = (number.abs() * factor as f64).round();
-        // Also NaN.
-        if !(scaled < 1e15) {
+        if scaled.is_nan() || scaled >= 1e15 {
             out.extend(format!("{number:.*}", decimals as usize).as_bytes());
             continue;
         }
