@@ -124,7 +124,7 @@ mod tests {
                 input.push('\n');
             }
             let expected: Vec<Option<Vec<u8>>> = input.lines().map(|line| Some(line.as_bytes().to_vec())).collect();
-            // A last line that is empty and has no end is none.
+            // A last line needs no end, unless it is empty.
             prop_assert_eq!(all(input.as_bytes(), step), expected);
         }
     }
