@@ -38,6 +38,8 @@ pub enum Verb {
     Replay,
     /// The queues between the processes: time of a hand-over, things per second
     Queues,
+    /// Questions to the ground: heights, lines of sight and spheres per second on one core
+    Query,
     /// Ingest: megabytes of source pixels per second
     Ingest,
     /// The same views over databases of 1, 16 and 256 times the area: whether a frame costs more

@@ -14,6 +14,7 @@ pub mod machine;
 pub mod measurement;
 pub mod plot;
 pub mod quality;
+pub mod query;
 pub mod queues;
 pub mod rays;
 pub mod realtime;
