@@ -19,12 +19,13 @@
 //! | places in the database's CRS | [`CrsFrame`] |
 //! | the height between the posts of a tile | [`facet`], [`tile`] |
 //!
-//! [`Surface`] is a plane: metres east and north of the world's origin, and height up. An ellipsoid
-//! will get a folder beside `plane/` with the same methods, its own foot (longitude and latitude)
-//! and its own terms of columns and rows. There, positions are not sums, so callers keep the terms
-//! separate: **a vertex is made of its column, its row and its height**, each looked up or
-//! interpolated on its own. Everything is inlined and statically typed: the abstraction costs
-//! nothing.
+//! [`Surface`] is a plane: metres east and north of the world's origin, and height up. Positions on an
+//! ellipsoid are not sums, so callers keep the terms separate: **a vertex is made of its column, its
+//! row and its height**, each looked up or interpolated on its own. Everything is inlined and
+//! statically typed: the abstraction costs nothing.
+//!
+//! [`globe`] has the ellipsoid's side of it: lattice and nodes around a body, positions, vertices
+//! relative to an eye, what a node may fill. No world is a body yet.
 //!
 //! Invariant: a vertex's position depends only on its canonical lattice point, its height and the
 //! eye, so that edges that two leaves share are equal to the bit.
@@ -32,6 +33,7 @@
 mod bounds;
 mod direction;
 pub mod facet;
+pub mod globe;
 mod lattice_point;
 mod plane;
 mod sight;

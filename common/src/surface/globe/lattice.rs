@@ -1,0 +1,263 @@
+//! The lattice of a body, and the nodes that it is cut into.
+//!
+//! Longitudes and latitudes of samples are lattice points where the source has them: column `i` of
+//! `W` from the western edge on, row `j` from the south pole (0) to the north pole (`H`). Columns
+//! go around: `W` is 0 again. All of a pole's row is one point.
+//!
+//! A plain quad tree over this lattice has slivers at the poles. So a row of nodes is as much wider as
+//! it is nearer to a pole: rows are counted from the nearer pole at their level, and the row `r` is
+//! `2^⌈log2(r+1)⌉` times as finely cut along longitude as row 0.
+//!
+//! ```text
+//!   pole  ·───────────·───────────·      row 0: a few columns, at every level
+//!         │     ·     │     ·     │      row 1: twice as many
+//!         │  ·  ·  ·  │  ·  ·  ·  │      rows 2 and 3: four times, rows 4 to 7: eight times, …
+//! ```
+//!
+//! A node's children are two rows of two nodes; of a polar node the one at the pole, as wide as
+//! itself, and two. Both hemispheres are cut from their pole to the row nearest to the equator, where
+//! the last nodes of each end, as all nodes end at the seam: their posts beyond lie on it.
+
+use crate::node::NodeId;
+use std::ops::Range;
+
+/// Which edge of a node.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Side {
+    /// To the west.
+    West,
+    /// To the east.
+    East,
+    /// To the south.
+    South,
+    /// To the north.
+    North,
+}
+
+/// The lattice of a body: integers alone.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct GlobeLattice {
+    /// Lattice columns around: W.
+    columns: u32,
+    /// Lattice rows from pole to pole: H. Row H is the north pole.
+    rows: u32,
+    /// Cells along a side of a node.
+    cells: u32,
+    /// The coarsest level, at which each hemisphere is one row of nodes.
+    top: u8,
+}
+
+/// The nodes of one row, at one level.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct NodeRow {
+    /// Counted from the nearer pole.
+    from_pole: u32,
+    is_north: bool,
+    /// A step along longitude is this power of two of columns.
+    log_step: u8,
+}
+
+fn ceil_log2(number: u32) -> u8 {
+    number.next_power_of_two().trailing_zeros() as u8
+}
+
+impl GlobeLattice {
+    /// A lattice of `columns` around and `rows` from pole to pole, whose nodes have `cells` cells (a
+    /// power of two) a side. `None` when there are fewer than two columns of nodes at the poles, or
+    /// more nodes than ids.
+    #[must_use]
+    pub fn new(columns: u32, rows: u32, cells: u32) -> Option<Self> {
+        let half = rows.div_ceil(2);
+        if rows < 2 || !cells.is_power_of_two() {
+            return None;
+        }
+        let top = ceil_log2(half.div_ceil(cells));
+        let lattice = Self { columns, rows, cells, top };
+        let is_in_ids = top < 27 && columns.div_ceil(cells) < 1 << 28;
+        (is_in_ids && lattice.columns_of(&lattice.row_of(top, 0, false)) >= 2).then_some(lattice)
+    }
+
+    /// Lattice columns around, and rows from pole to pole.
+    #[must_use]
+    pub const fn size(&self) -> [u32; 2] {
+        [self.columns, self.rows]
+    }
+
+    /// Cells along a side of a node.
+    #[must_use]
+    pub const fn cells(&self) -> u32 {
+        self.cells
+    }
+
+    /// The coarsest level: that of the roots.
+    #[must_use]
+    pub const fn top(&self) -> u8 {
+        self.top
+    }
+
+    /// The lattice row at which the hemispheres meet.
+    const fn middle(&self) -> u32 {
+        self.rows / 2
+    }
+
+    /// Lattice rows from a pole to the middle.
+    const fn half(&self, is_north: bool) -> u32 {
+        if is_north { self.rows - self.middle() } else { self.middle() }
+    }
+
+    fn row_of(&self, q: u8, from_pole: u32, is_north: bool) -> NodeRow {
+        NodeRow { from_pole, is_north, log_step: self.top - ceil_log2(from_pole + 1).min(self.top - q) }
+    }
+
+    /// Numbers of rows at a level, of which those around the middle do not exist.
+    const fn numbers(&self, q: u8) -> u32 {
+        2 << (self.top - q)
+    }
+
+    fn row(&self, node: NodeId) -> NodeRow {
+        let is_north = node.n() >= self.numbers(node.q()) / 2;
+        let from_pole = if is_north { self.numbers(node.q()) - 1 - node.n() } else { node.n() };
+        self.row_of(node.q(), from_pole, is_north)
+    }
+
+    /// Number of a row, counted from the south.
+    fn number(&self, q: u8, from_pole: u32, is_north: bool) -> u32 {
+        if is_north { self.numbers(q) - 1 - from_pole } else { from_pole }
+    }
+
+    /// Rows of nodes of a hemisphere at a level.
+    fn rows_of(&self, q: u8, is_north: bool) -> u32 {
+        (u64::from(self.half(is_north)).div_ceil(u64::from(self.cells) << q)) as u32
+    }
+
+    /// Nodes of a row.
+    fn columns_of(&self, row: &NodeRow) -> u32 {
+        u64::from(self.columns).div_ceil(u64::from(self.cells) << row.log_step) as u32
+    }
+
+    /// Whether a node is one of the body.
+    #[must_use]
+    pub fn contains(&self, node: NodeId) -> bool {
+        if node.q() > self.top || node.n() >= self.numbers(node.q()) {
+            return false;
+        }
+        let row = self.row(node);
+        row.from_pole < self.rows_of(node.q(), row.is_north) && node.m() < self.columns_of(&row)
+    }
+
+    /// The nodes of the coarsest level: the south's, then the north's.
+    pub fn roots(&self) -> impl Iterator<Item = NodeId> + use<> {
+        let columns = self.columns_of(&self.row_of(self.top, 0, false));
+        let top = self.top;
+        (0..2).flat_map(move |n| (0..columns).filter_map(move |m| NodeId::new(m, n, top)))
+    }
+
+    /// The children of a node, those that there are: from the west, the southern row first.
+    pub fn children(&self, node: NodeId) -> impl Iterator<Item = NodeId> + use<> {
+        let lattice = *self;
+        (0..4u32).filter_map(move |index| {
+            let q = node.q().checked_sub(1)?;
+            let (i, n) = (index & 1, 2 * node.n() + (index >> 1));
+            let row = lattice.row(NodeId::new(0, n, q)?);
+            let is_as_wide = row.log_step == lattice.row(node).log_step;
+            if is_as_wide && i == 1 {
+                return None;
+            }
+            let m = if is_as_wide { node.m() } else { 2 * node.m() + i };
+            NodeId::new(m, n, q).filter(|child| lattice.contains(*child))
+        })
+    }
+
+    /// The node of the next coarser level that has this one as a child; `None` for a root.
+    #[must_use]
+    pub fn parent(&self, node: NodeId) -> Option<NodeId> {
+        let (q, n) = (node.q() + 1, node.n() / 2);
+        if q > self.top {
+            return None;
+        }
+        let above = self.row(NodeId::new(0, n, q)?);
+        let m = if above.log_step == self.row(node).log_step { node.m() } else { node.m() / 2 };
+        NodeId::new(m, n, q)
+    }
+
+    /// The nodes of the same level beside a node: one to the west and the east, none beyond a pole, one
+    /// or two (of which the second may be missing at the seam) to the south and the north.
+    pub fn neighbors(&self, node: NodeId, side: Side) -> impl Iterator<Item = NodeId> + use<> {
+        let row = self.row(node);
+        let columns = self.columns_of(&row);
+        let (n, nodes) = match side {
+            Side::West => (node.n(), self.one((node.m() + columns - 1) % columns)),
+            Side::East => (node.n(), self.one((node.m() + 1) % columns)),
+            Side::South | Side::North => self.across(node, row, side == Side::North),
+        };
+        nodes.filter_map(move |m| NodeId::new(m, n, node.q()))
+    }
+
+    const fn one(&self, m: u32) -> Range<u32> {
+        m..m + 1
+    }
+
+    /// Number of the row of nodes to the north or the south, and its nodes along an edge.
+    fn across(&self, node: NodeId, row: NodeRow, is_northwards: bool) -> (u32, Range<u32>) {
+        let q = node.q();
+        let is_polewards = is_northwards == row.is_north;
+        let (from_pole, is_north) = match (is_polewards, row.from_pole) {
+            (true, 0) => return (0, 0..0),
+            (true, from_pole) => (from_pole - 1, row.is_north),
+            (false, from_pole) if from_pole + 1 < self.rows_of(q, row.is_north) => (from_pole + 1, row.is_north),
+            (false, _) => (self.rows_of(q, !row.is_north) - 1, !row.is_north),
+        };
+        let beside = self.row_of(q, from_pole, is_north);
+        let span = self.columns_spanned(node.m(), &row);
+        let side = u64::from(self.cells) << beside.log_step;
+        let nodes = (span.start / side) as u32..span.end.div_ceil(side) as u32;
+        (self.number(q, from_pole, is_north), nodes)
+    }
+
+    /// Lattice columns of a node, clipped at the seam, where they end at W.
+    fn columns_spanned(&self, m: u32, row: &NodeRow) -> Range<u64> {
+        let side = u64::from(self.cells) << row.log_step;
+        let end = (u64::from(m) + 1) * side;
+        u64::from(m) * side..end.min(self.columns.into())
+    }
+
+    /// Lattice columns and rows of a node, clipped at the seam, where columns end at W, and at the
+    /// middle.
+    #[must_use]
+    pub fn span(&self, node: NodeId) -> [Range<u64>; 2] {
+        let posts = |k: u32| self.row_post(node, k);
+        [self.columns_spanned(node.m(), &self.row(node)), posts(0)..posts(self.cells)]
+    }
+
+    /// From post to post of a node along longitude and latitude, as powers of two of the lattice's.
+    #[must_use]
+    pub fn log_steps(&self, node: NodeId) -> [u8; 2] {
+        [self.row(node).log_step, node.q()]
+    }
+
+    /// The lattice column of a node's post column `k`, 0 to the number of cells; canonical.
+    #[must_use]
+    pub fn column_post(&self, node: NodeId, k: u32) -> u64 {
+        let row = self.row(node);
+        let column = u64::from(node.m()) * (u64::from(self.cells) << row.log_step) + (u64::from(k) << row.log_step);
+        if column >= self.columns.into() { 0 } else { column }
+    }
+
+    /// The lattice row of a node's post row `k`, from the south.
+    #[must_use]
+    pub fn row_post(&self, node: NodeId, k: u32) -> u64 {
+        let row = self.row(node);
+        let cells = u64::from(self.cells);
+        let half = u64::from(self.half(row.is_north));
+        let from_pole = if row.is_north { cells - u64::from(k) } else { u64::from(k) };
+        let from_pole = ((u64::from(row.from_pole) * cells + from_pole) << node.q()).min(half);
+        if row.is_north { u64::from(self.rows) - from_pole } else { from_pole }
+    }
+
+    /// The one name of a lattice point: columns go around, and a pole is one point.
+    #[must_use]
+    pub fn canonical(&self, [column, row]: [u64; 2]) -> [u64; 2] {
+        let is_pole = row == 0 || row >= self.rows.into();
+        [if is_pole { 0 } else { column % u64::from(self.columns) }, row.min(self.rows.into())]
+    }
+}
