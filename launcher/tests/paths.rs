@@ -53,6 +53,41 @@ fn tour(steps: String) -> String {
     format!("<kml><gx:Tour><gx:Playlist>{steps}</gx:Playlist></gx:Tour></kml>")
 }
 
+/// Documents of CZML and GeoJSON of which each grows with its number.
+fn documents(count: usize) -> Vec<(&'static str, String)> {
+    let joined = |part: &dyn Fn(usize) -> String| (0..count).map(part).collect::<Vec<_>>().join(",");
+    let sample = |i: usize| format!("{i},{},45,900", -122.0 + 1e-5 * i as f64);
+    let packet = |samples: &str, more: &str| {
+        format!("{{\"id\":\"a\",\"position\":{{\"cartographicDegrees\":[{samples}]}}{more}}}")
+    };
+    let interval = |i: usize| {
+        let (hour, minute) = (i / 60 % 24, i % 60);
+        let day = 1 + i / 1440 % 28;
+        format!("{{\"interval\":\"202405{day:02}T{hour:02}{minute:02}Z/9999Z\",\"cartographicDegrees\":[-122,45,900]}}")
+    };
+    let turns = format!(",\"orientation\":{{\"unitQuaternion\":[{}]}}", joined(&|i| format!("{i}.5,0,0,0,1")));
+    let line = |_: usize| "{\"type\":\"LineString\",\"coordinates\":[[-122,45],[-122.0001,45]]}".to_owned();
+    let collection = |list: String| format!("{{\"type\":\"FeatureCollection\",\"features\":[{list}]}}");
+    let open = "{\"type\":\"GeometryCollection\",\"geometries\":[";
+    vec![
+        ("samples", format!("[{}]", packet(&joined(&sample), ""))),
+        ("samples with an orientation", format!("[{}]", packet(&joined(&sample), &turns))),
+        ("samples in packets, backwards", format!("[{}]", joined(&|i| packet(&sample(count - i), "")))),
+        ("packets of others", format!("[{}]", joined(&|i| format!("{{\"id\":\"{i}\",\"position\":1}}")))),
+        ("intervals", format!("[{{\"position\":[{}]}}]", joined(&interval))),
+        ("features", collection(joined(&line))),
+        ("collections", format!("{}{}", open.repeat(count), "]}".repeat(count))),
+        (
+            "coordinates and times",
+            format!(
+                "{{\"type\":\"Feature\",\"properties\":{{\"times\":[{}]}},\"geometry\":{{\"type\":\"LineString\",\"coordinates\":[{}]}}}}",
+                joined(&|i| i.to_string()),
+                joined(&|i| format!("[{},45,900]", -122.0 + 1e-5 * i as f64))
+            ),
+        ),
+    ]
+}
+
 /// Files of which each grows with its number.
 fn files(count: usize) -> Vec<(&'static str, String)> {
     let step = |i: usize, duration: usize| {
@@ -107,7 +142,8 @@ fn files(count: usize) -> Vec<(&'static str, String)> {
 #[test]
 fn the_cost_of_a_path_grows_with_its_size_alone() {
     // Large enough that constant parts do not count.
-    let (small, large) = (files(2000), files(16_000));
+    let all = |count| [files(count), documents(count)].concat();
+    let (small, large) = (all(2000), all(16_000));
     for ((name, small), (_, large)) in small.iter().zip(&large) {
         let (few, many) = (cost(small), cost(large));
         let growth = large.len() as f64 / small.len() as f64;

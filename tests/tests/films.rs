@@ -41,6 +41,34 @@ fn the_name_chooses_the_kind_of_film_and_odd_sides_are_told() {
 }
 
 #[test]
+fn paths_of_czml_and_geojson_are_flown_and_what_is_done_with_them_is_told() {
+    let folder = TestFolder::new("documents");
+    let fly = |name: &str, text: &str, more: &[&str]| {
+        std::fs::write(folder.join(name), text).unwrap();
+        let command = Terravision::verb("fly").arg(synth_world(1024).database()).arg("--path").arg(folder.join(name));
+        command.args(["--size", "96x64", "-o"]).arg(folder.join(format!("{name}.mkv"))).args(more)
+    };
+    let sample = |t: f64, lon: f64| format!("{t},{lon},46.9,3500");
+    let document = |more: &str| {
+        let samples = [sample(0.0, 9.0), sample(0.2, 9.001)].join(",");
+        format!(r#"[{{"id":"document"}},{{"id":"uav","position":{{"cartographicDegrees":[{samples}]}}{more}}}]"#)
+    };
+    let turned = document(r#","orientation":{"unitQuaternion":[0.5,0.5,0.5,0.5]},"model":{}"#);
+    let finished = fly("a.czml", &turned, &[]).succeed();
+    assert_eq!(probe(&folder.join("a.czml.mkv")), "h264,96,64,7");
+    for note in ["above the ellipsoid", "of packet \"uav\" the way is flown, without its model"] {
+        assert!(finished.stderr.contains(note), "{}", finished.stderr);
+    }
+    let line = r#"{"type":"LineString","coordinates":[[9.0,46.9],[9.00001,46.9],[9.0001,46.9]]}"#;
+    let finished = fly("a.geojson", line, &["--speed", "2"]).succeed();
+    assert!(!finished.stderr.contains("ellipsoid"), "{}", finished.stderr);
+    assert_eq!(probe(&folder.join("a.geojson.mkv")), "h264,96,64,5");
+    let failed = fly("bad.czml", &document(r#","availability":"soon""#), &[]).run();
+    let expected = "bad.czml: packet \"uav\": availability: expected an interval like";
+    assert!(!failed.status.success() && failed.stderr.contains(expected), "{}", failed.stderr);
+}
+
+#[test]
 fn an_ffmpeg_without_the_encoder_is_told_before_the_flight() {
     let folder = TestFolder::new("no-encoder");
     let script = "#!/bin/sh\necho ' ------'\necho ' V....D libx264 H.264'\n";

@@ -9,7 +9,7 @@ use std::path::PathBuf;
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Flight")]
 pub struct CourseArgs {
-    /// The camera path: a file (JSON, KML or KMZ, GPX), or 'orbit'
+    /// The camera path: a file (JSON, KML or KMZ, GPX, CZML, GeoJSON), or 'orbit'
     ///
     /// 'orbit' circles the place with the strongest relief, or --around, in 240 frames a round.
     /// docs/camera-paths.md describes the files. With --eye or --look-at the camera stands still
@@ -25,7 +25,7 @@ pub struct CourseArgs {
     /// the path's own, else 30]
     #[arg(long, value_name = "N")]
     pub fps: Option<f64>,
-    /// Fly a path that has times (keyframes, KML, GPX) N times as fast
+    /// Fly a path that has times (keyframes, KML, GPX, CZML, GeoJSON) N times as fast
     #[arg(long, value_name = "N")]
     pub speed: Option<f64>,
     /// What becomes of rests in a recorded track

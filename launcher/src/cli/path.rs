@@ -18,7 +18,8 @@ pub struct PathArgs {
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub course: CourseArgs,
-    /// Write keyframes where the path has them (keyframes of JSON, tours and views of KML), not a
+    /// Write keyframes where the path has them (keyframes of JSON, tours and views of
+    /// KML, CZML), not a
     /// pose for every frame
     #[arg(long, conflicts_with_all = ["frames", "fps", "speed"])]
     pub keyframes: bool,

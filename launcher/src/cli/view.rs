@@ -38,7 +38,8 @@ pub struct ViewArgs {
     /// Pixels of the picture for each of the screen's, along a side: less is faster, and coarser
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, help_heading = WINDOW_HEADING)]
     pub scale: f64,
-    /// A camera path that Space plays and pauses: a file (JSON, KML or KMZ, GPX), or 'orbit'
+    /// A camera path that Space plays and pauses: a file (JSON, KML or KMZ, GPX,
+    /// CZML, GeoJSON), or 'orbit'
     ///
     /// The window begins at its first pose. Moving the camera by hand pauses the path, and Space goes
     /// on where it was paused. docs/camera-paths.md describes the files.

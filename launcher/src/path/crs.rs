@@ -10,6 +10,7 @@
 use super::datum::{
     Datum, ELLIPSOID_WORDS, datum_of, datum_words, definition, is_on_wgs84, shift_of_named_datum, with_nad27_shift,
 };
+use super::ecef::Ellipsoid;
 use glam::DVec2;
 use proj4rs::errors::Error;
 use std::cell::RefCell;
@@ -156,6 +157,12 @@ impl Georeference {
             .map_or_else(|| lonlat_of_body(self.proj4.as_deref().unwrap_or_default()), |table| table.lonlat.clone());
         let from = Projection::parse(&text).map_err(|source| CrsError::BadWorldCrs { text, source })?;
         self.transform_from("longitude and latitude", from)
+    }
+
+    /// The ellipsoid of the longitudes and latitudes of [`Georeference::from_lonlat`].
+    pub(super) fn lonlat_ellipsoid(&self) -> Ellipsoid {
+        let text = self.table.as_ref().map(|table| table.lonlat.clone());
+        Ellipsoid::of_lonlat(&text.unwrap_or_else(|| lonlat_of_body(self.proj4.as_deref().unwrap_or_default())))
     }
 
     /// From a CRS that a path names; `None` when it is the world's own.
@@ -308,7 +315,8 @@ impl Georeference {
 }
 
 impl Transform {
-    fn is_from_lonlat(&self) -> bool {
+    /// Whether positions are longitude and latitude, degrees.
+    pub(super) fn is_from_lonlat(&self) -> bool {
         let (Way::Planes { from, .. } | Way::Table { from, .. }) = &self.way;
         from.is_lonlat()
     }

@@ -36,10 +36,10 @@ pub enum PathError {
         /// The largest size that is read, bytes.
         limit: u64,
     },
-    /// It is neither JSON nor KML nor GPX.
+    /// It is neither JSON nor XML.
     #[error(
-        "{} is not a camera path: expected a JSON object, a KML file (or KMZ) or a GPX track, found {found} \
-         (docs/camera-paths.md shows each)", path.display()
+        "{} is not a camera path: expected JSON (poses, CZML or GeoJSON), a KML file (or KMZ) or a GPX track, \
+         found {found} (docs/camera-paths.md shows each)", path.display()
     )]
     UnknownFormat {
         /// The file.

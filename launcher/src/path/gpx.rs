@@ -1,7 +1,7 @@
 //! GPX (1.0 and 1.1): tracks, otherwise routes; flown at a height above ground ([`super::track`]).
 
 use super::crs::{Georeference, Transform};
-use super::recording::{Recorded, Segment, Stamp};
+use super::recording::{At, Recorded, Segment, Stamp};
 use super::times::seconds_from_iso8601;
 use super::xml::{Document, Node};
 use super::{CameraPath, CourseOptions, Ground, PathError, Remarks, shorten, track};
@@ -85,7 +85,7 @@ impl Reader<'_> {
         match self.place(node) {
             Ok(place) => {
                 let stamp = node.child("time").map_or(Stamp::Missing, |time| stamp(time.text()));
-                Ok(Some(Recorded { stamp, place, height_m: None, line: node.line() }))
+                Ok(Some(Recorded { stamp, place, height_m: None, at: At::Line(node.line()) }))
             }
             Err(error) => {
                 self.bad += 1;

@@ -4,12 +4,11 @@
 //! ignored, and cost no memory: of a file there is the text, and what is flown of it.
 
 use super::crs::{CrsError, Georeference, Transform};
+use super::raw_json::{self, fields, number};
 use super::spline::{self, Spline};
 use super::{CameraPath, Course, MAX_FRAMES, PathError, PathSettings, Pose, printable};
 use glam::DVec3;
-use serde::de::{DeserializeSeed, Deserializer, IgnoredAny, MapAccess, SeqAccess, Visitor};
 use serde_json::value::RawValue;
-use std::fmt;
 use std::path::Path;
 use terravision_common::camera::MAX_SIDE_PX;
 
@@ -50,89 +49,12 @@ struct Object<'a> {
 }
 
 impl<'a> Object<'a> {
+    fn parse(text: &'a str) -> Result<Self, serde_json::Error> {
+        Ok(Self { values: fields(text, &KEYS)? })
+    }
+
     fn get(&self, key: &str) -> Option<&'a RawValue> {
         self.values[KEYS.iter().position(|known| *known == key)?]
-    }
-}
-
-impl<'de> serde::Deserialize<'de> for Object<'de> {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct Values;
-        impl<'de> Visitor<'de> for Values {
-            type Value = Object<'de>;
-
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("an object")
-            }
-
-            fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Self::Value, A::Error> {
-                let mut object = Object::default();
-                while let Some(Key(key)) = map.next_key()? {
-                    match key {
-                        Some(key) => object.values[key] = Some(map.next_value()?),
-                        None => drop(map.next_value::<IgnoredAny>()?),
-                    }
-                }
-                Ok(object)
-            }
-        }
-        deserializer.deserialize_map(Values)
-    }
-}
-
-/// The place of a key in [`KEYS`].
-struct Key(Option<usize>);
-
-impl<'de> serde::Deserialize<'de> for Key {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct Name;
-        impl Visitor<'_> for Name {
-            type Value = Key;
-
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("a key")
-            }
-
-            fn visit_str<E>(self, name: &str) -> Result<Key, E> {
-                Ok(Key(KEYS.iter().position(|known| *known == name)))
-            }
-        }
-        deserializer.deserialize_str(Name)
-    }
-}
-
-/// A list that is handed on entry by entry, however long it is; ends at the first error of `each`,
-/// which is kept.
-struct EachOf<'e, F, E> {
-    each: F,
-    error: &'e mut Option<E>,
-}
-
-impl<'de, E, F: FnMut(usize, &'de RawValue) -> Result<(), E>> DeserializeSeed<'de> for EachOf<'_, F, E> {
-    type Value = ();
-
-    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<(), D::Error> {
-        deserializer.deserialize_seq(self)
-    }
-}
-
-impl<'de, E, F: FnMut(usize, &'de RawValue) -> Result<(), E>> Visitor<'de> for EachOf<'_, F, E> {
-    type Value = ();
-
-    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("a list")
-    }
-
-    fn visit_seq<A: SeqAccess<'de>>(mut self, mut list: A) -> Result<(), A::Error> {
-        let mut count = 0;
-        while let Some(entry) = list.next_element::<&RawValue>()? {
-            if let Err(error) = (self.each)(count, entry) {
-                *self.error = Some(error);
-                return Err(serde::de::Error::custom("an entry cannot be used"));
-            }
-            count += 1;
-        }
-        Ok(())
     }
 }
 
@@ -141,8 +63,7 @@ impl<'de, E, F: FnMut(usize, &'de RawValue) -> Result<(), E>> Visitor<'de> for E
 /// # Errors
 /// [`PathError`] with the frame and the key in it.
 pub fn parse(path: &Path, text: &str, world: &Georeference) -> Result<CameraPath, PathError> {
-    let file: Object<'_> =
-        serde_json::from_str(text).map_err(|source| PathError::Json { path: path.to_owned(), source })?;
+    let file: Object<'_> = Object::parse(text).map_err(|source| PathError::Json { path: path.to_owned(), source })?;
     let reader = Reader { path, place: "the path".into(), object: &file };
     let settings = PathSettings {
         width: reader.optional("width", "a whole number of pixels from 1 to 65536", pixels)?,
@@ -184,7 +105,8 @@ pub fn parse(path: &Path, text: &str, world: &Georeference) -> Result<CameraPath
             Course::Timed(spline.map(|spline| spline.looking_at(target)).into_iter().collect())
         }
         (None, None) if file.get("type").is_some() => {
-            return Err(empty("GeoJSON (it has a \"type\"); ogr2ogr -f GPX FILE.gpx FILE makes a GPX of its lines"));
+            let kind = file.get("type").map_or("", RawValue::get);
+            return Err(empty(&format!("an object of type {}, which is not of GeoJSON", printable(kind))));
         }
         (None, None) => return Err(empty("neither")),
     };
@@ -244,14 +166,8 @@ impl Poses<'_> {
         list: &RawValue,
         each: impl FnMut(usize, &RawValue) -> Result<(), PathError>,
     ) -> Result<(), PathError> {
-        let mut text = serde_json::Deserializer::from_str(list.get());
-        let mut error = None;
-        let outcome = EachOf { each, error: &mut error }.deserialize(&mut text);
-        match error {
-            Some(error) => Err(error),
-            // Its syntax was checked with the whole file's.
-            None => outcome.map_err(|source| PathError::Json { path: self.path.to_owned(), source }),
-        }
+        // Its syntax was checked with the whole file's.
+        raw_json::each(list.get(), each).map_err(|source| PathError::Json { path: self.path.to_owned(), source })?
     }
 
     /// What the camera looks at all the time, if that is said.
@@ -271,7 +187,7 @@ impl Poses<'_> {
     }
 
     fn pose(&self, raw: &RawValue, place: String, has_time: bool) -> Result<spline::Key, PathError> {
-        let object: Object<'_> = match serde_json::from_str(raw.get()) {
+        let object: Object<'_> = match Object::parse(raw.get()) {
             Ok(object) => object,
             Err(_not_an_object) => {
                 let reader = Reader { path: self.path, place, object: &Object::default() };
@@ -285,10 +201,6 @@ impl Poses<'_> {
         let is_stop = reader.optional("rest", "true or false", |raw| serde_json::from_str(raw.get()).ok())?;
         Ok(spline::Key { is_stop: is_stop.unwrap_or(false), ..spline::Key::passing(t, pose) })
     }
-}
-
-fn number(raw: &RawValue) -> Option<f64> {
-    serde_json::from_str::<f64>(raw.get()).ok().filter(|v| v.is_finite())
 }
 
 fn pixels(raw: &RawValue) -> Option<u32> {

@@ -1,17 +1,22 @@
 //! Camera paths: where the camera is in every frame.
 //!
 //! A path comes from a JSON file with a pose per frame ([`json`]), a JSON file with poses at
-//! moments, a KML file ([`kml`]: a tour, views, a track or a line), a GPX track ([`gpx`]), or is
-//! the built-in [`orbit`]. All become a [`CameraPath`] in the world's own CRS.
+//! moments, a KML file ([`kml`]: a tour, views, a track or a line), a GPX track ([`gpx`]), a CZML
+//! document ([`czml`]), the lines or points of a GeoJSON file ([`geojson`]), or is the built-in
+//! [`orbit`]. All become a [`CameraPath`] in the world's own CRS.
 
 pub mod crs;
+mod czml;
 mod datum;
+mod ecef;
 mod error;
 mod file;
+mod geojson;
 pub mod gpx;
 pub mod json;
 pub mod kml;
 pub mod orbit;
+mod raw_json;
 mod recording;
 pub mod spline;
 mod text;
@@ -35,6 +40,9 @@ const MAX_JSON_BYTES: u64 = 256 << 20;
 const MAX_XML_BYTES: u64 = 128 << 20;
 /// Roots of KML: some programs leave out the `kml` around it.
 const KML_ROOTS: [&str; 5] = ["kml", "Document", "Folder", "Placemark", "Tour"];
+/// What is said where heights by their format are above the ellipsoid.
+const ELLIPSOIDAL: &str = "its heights are, by the file's format, above the ellipsoid; they are flown unchanged, as heights \
+                           in the world's vertical datum (where that is sea level, up to 107 m off)";
 /// All roots that are read.
 const ROOTS: [&str; 6] = ["gpx", "kml", "Document", "Folder", "Placemark", "Tour"];
 
@@ -165,6 +173,8 @@ pub fn parse(
     remarks: &mut Remarks,
 ) -> Result<CameraPath, PathError> {
     match text.trim_start().chars().next() {
+        Some('[') => czml::parse(path, text, world, ground, options, remarks),
+        Some('{') if geojson::is_geojson(text) => geojson::parse(path, text, world, ground, options, remarks),
         Some('{') => {
             if options.agl_m.is_some() {
                 return Err(PathError::HasHeights { path: path.to_owned(), kind: "poses" });
@@ -317,7 +327,8 @@ pub(crate) mod tests {
             ("<svg/>", "<svg>"),
             ("<kml", "not valid XML"),
             ("{", "not valid JSON"),
-            ("[]", "expected a JSON object"),
+            ("[]", "found no packets but the document's"),
+            ("[", "not valid JSON"),
             ("$GPGGA,1", "gpsbabel -i nmea"),
             ("AXXX\nHFDTE010524\n", "gpsbabel -i igc"),
         ] {

@@ -8,6 +8,7 @@
 
 use glam::DVec2;
 use std::cmp::Ordering;
+use std::fmt;
 
 /// Speed of a way without times, metres per second.
 pub(super) const DEFAULT_SPEED: f64 = 25.0;
@@ -30,6 +31,24 @@ pub(super) enum Stamp {
     At(f64),
 }
 
+/// Where in its file a point is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum At {
+    /// A line of the file, from 1.
+    Line(u32),
+    /// A point of the file, from 0: JSON is often written without line ends.
+    Point(u32),
+}
+
+impl fmt::Display for At {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Line(line) => write!(f, "line {line}"),
+            Self::Point(point) => write!(f, "point {point}"),
+        }
+    }
+}
+
 /// A point of a recording.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Recorded {
@@ -38,7 +57,7 @@ pub(super) struct Recorded {
     pub(super) place: DVec2,
     /// In the world's vertical datum, where the file says it.
     pub(super) height_m: Option<f64>,
-    pub(super) line: u32,
+    pub(super) at: At,
 }
 
 /// What was recorded without a break, so far as the file says.
@@ -69,7 +88,7 @@ pub(super) struct Tally {
     /// Points that were passed over.
     pub(super) dropped: usize,
     /// Where the first one is whose time is not usable.
-    pub(super) first_line: Option<u32>,
+    pub(super) first: Option<At>,
 }
 
 /// The points of a segment with growing times; without any times, at [`DEFAULT_SPEED`] from 0.
@@ -80,7 +99,7 @@ pub(super) fn with_times(segment: &Segment, tally: &mut Tally) -> Vec<Timed> {
     for (i, point) in points.iter().enumerate() {
         match point.stamp {
             Stamp::Missing => {}
-            Stamp::Unreadable => tally.doubt(point.line),
+            Stamp::Unreadable => tally.doubt(point.at),
             Stamp::At(t) => given.push((i, t)),
         }
     }
@@ -94,7 +113,7 @@ pub(super) fn with_times(segment: &Segment, tally: &mut Tally) -> Vec<Timed> {
     let kept = in_order(&given);
     tally.used += kept.len();
     if let Some(&(i, _)) = first_missing(&given, &kept) {
-        tally.doubt(points[i].line);
+        tally.doubt(points[i].at);
     }
     if given.is_empty() {
         tally.placed += unreadable;
@@ -113,8 +132,8 @@ pub(super) fn with_times(segment: &Segment, tally: &mut Tally) -> Vec<Timed> {
 }
 
 impl Tally {
-    fn doubt(&mut self, line: u32) {
-        self.first_line = Some(self.first_line.map_or(line, |first| first.min(line)));
+    fn doubt(&mut self, at: At) {
+        self.first = Some(self.first.map_or(at, |first| first.min(at)));
     }
 
     /// Whether too many times are unusable for a recording.
@@ -125,14 +144,14 @@ impl Tally {
     /// What was done about it, for people.
     pub(super) fn warning(&self) -> Option<String> {
         let Self { points, placed, dropped, .. } = *self;
-        let line = self.first_line.map_or(String::new(), |line| format!(" (the first in line {line})"));
+        let first = self.first.map_or(String::new(), |at| format!(" (the first in {at})"));
         let of = |count: usize| format!("{count} of {points} points");
         match (placed, dropped) {
             (0, 0) => None,
-            (_, 0) => Some(format!("{} have no time{line}: they are flown between their neighbours", of(placed))),
-            (0, _) => Some(format!("{} have a time out of order{line}: passed over", of(dropped))),
+            (_, 0) => Some(format!("{} have no time{first}: they are flown between their neighbours", of(placed))),
+            (0, _) => Some(format!("{} have a time out of order{first}: passed over", of(dropped))),
             _ => Some(format!(
-                "{} have no time or one out of order{line}: {dropped} are passed over, {placed} are flown between their \
+                "{} have no time or one out of order{first}: {dropped} are passed over, {placed} are flown between their \
                  neighbours",
                 of(placed + dropped)
             )),
@@ -317,7 +336,7 @@ mod tests {
             stamp: Stamp::At(1e9 + 10.0 * i as f64),
             place: DVec2::new(30.0 * i as f64, 0.0),
             height_m: None,
-            line: i as u32 + 1,
+            at: At::Line(i as u32 + 1),
         };
         (0..count).map(point).collect()
     }
@@ -351,7 +370,8 @@ mod tests {
             assert!((580.0..=590.0).contains(&seconds(&points)), "{i} {t}: {}", seconds(&points));
             // Of two points that contradict each other alone, either may be the wrong one.
             assert!(
-                tally.dropped == 1 && tally.first_line.is_some_and(|line| line.abs_diff(i as u32 + 1) <= 1),
+                tally.dropped == 1
+                    && tally.first.is_some_and(|(At::Line(line) | At::Point(line))| line.abs_diff(i as u32 + 1) <= 1),
                 "{i} {t}"
             );
             assert!(tally.warning().unwrap().contains("1 of 60 points have a time out of order"), "{tally:?}");
@@ -394,7 +414,7 @@ mod tests {
             point.stamp = Stamp::At(1e9 + (i * 37 % 60) as f64);
         }
         let tally = timed(shuffled).1;
-        assert!(tally.is_hopeless() && tally.first_line.is_some(), "{tally:?}");
+        assert!(tally.is_hopeless() && tally.first.is_some(), "{tally:?}");
     }
 
     #[test]
@@ -413,7 +433,7 @@ mod tests {
                 stamp: match kind { 0 => Stamp::Missing, 1 => Stamp::Unreadable, 2 => Stamp::At(*t), _ => Stamp::At(1e9 + 10.0 * i as f64) },
                 place: DVec2::new(*x, 0.0),
                 height_m: None,
-                line: 1,
+                at: At::Line(1),
             }).collect();
             let count = points.len();
             let (timed, tally) = timed(points);

@@ -265,7 +265,7 @@ fn bezier(q0: DQuat, q1: DQuat, q2: DQuat, q3: DQuat, s: f64) -> DQuat {
 
 /// Along the shorter arc. Written out: `DQuat::slerp` falls back to a chord for close quaternions,
 /// which shows as a tremble of the camera.
-fn slerp(a: DQuat, b: DQuat, s: f64) -> DQuat {
+pub(super) fn slerp(a: DQuat, b: DQuat, s: f64) -> DQuat {
     let mut turn = (a.inverse() * b).normalize();
     if turn.w < 0.0 {
         turn = -turn;
@@ -275,13 +275,14 @@ fn slerp(a: DQuat, b: DQuat, s: f64) -> DQuat {
 
 /// The rotation that takes camera axes (x right, y forward, z up, of a camera that looks north) to
 /// the pose's.
-fn attitude_from_pose(pose: &Pose) -> DQuat {
+pub(super) fn attitude_from_pose(pose: &Pose) -> DQuat {
     DQuat::from_rotation_z(-pose.heading_rad)
         * DQuat::from_rotation_x(pose.pitch_rad)
         * DQuat::from_rotation_y(pose.roll_rad)
 }
 
-fn pose_from_attitude(position: DVec3, attitude: DQuat) -> Pose {
+/// The pose with camera axes (x right, y forward, z up) turned so.
+pub(super) fn pose_from_attitude(position: DVec3, attitude: DQuat) -> Pose {
     let (right, forward, up) = (attitude * DVec3::X, attitude * DVec3::Y, attitude * DVec3::Z);
     let pitch_rad = forward.z.clamp(-1.0, 1.0).asin();
     if forward.x.hypot(forward.y) < 1e-9 {

@@ -67,10 +67,10 @@ pub(super) fn course(
     let mut tally = Tally::default();
     let timed: Vec<Vec<Timed>> = segments.iter().map(|segment| recording::with_times(segment, &mut tally)).collect();
     if tally.is_hopeless() {
-        let line = tally.first_line.map_or("the track".into(), |line| format!("line {line}"));
+        let place = tally.first.map_or("the track".into(), |at| at.to_string());
         return Err(PathError::BadValue {
             path: path.to_owned(),
-            place: line,
+            place,
             key: "time".into(),
             expected: "times like 2024-05-01T10:00:00Z that grow from point to point (without any times it is flown at 25 m/s)",
             found: format!("{} of {} that do not", tally.stamped - tally.used, tally.stamped),

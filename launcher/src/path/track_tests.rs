@@ -1,4 +1,4 @@
-use super::super::recording::{Recorded, Stamp};
+use super::super::recording::{At, Recorded, Stamp};
 use super::super::tests::Plain;
 use super::*;
 use proptest::prelude::*;
@@ -10,7 +10,8 @@ fn fly(segments: Vec<Segment>, options: CourseOptions) -> (Course, Remarks) {
 }
 
 fn segment(points: &[(f64, f64)], height_m: Option<f64>) -> Segment {
-    let point = |(t, x): &(f64, f64)| Recorded { stamp: Stamp::At(*t), place: DVec2::new(*x, 0.0), height_m, line: 1 };
+    let point =
+        |(t, x): &(f64, f64)| Recorded { stamp: Stamp::At(*t), place: DVec2::new(*x, 0.0), height_m, at: At::Line(1) };
     Segment { points: points.iter().map(point).collect() }
 }
 
@@ -95,7 +96,7 @@ proptest! {
         let segments: Vec<Segment> = parts.iter().map(|part| Segment {
             points: part.iter().map(|(t, x, has_time)| Recorded {
                 stamp: if *has_time { Stamp::At(*t) } else { Stamp::Missing },
-                place: DVec2::new(*x, 0.0), height_m: None, line: 1,
+                place: DVec2::new(*x, 0.0), height_m: None, at: At::Line(1),
             }).collect(),
         }).collect();
         let mut remarks = Remarks::default();

@@ -34,7 +34,7 @@ pub(super) fn speed(asked: Option<f64>) -> Result<f64, Failure> {
 pub fn pace(args: &CourseArgs, path: &CameraPath) -> Result<(f64, f64), Failure> {
     let fps = fps(args.fps.or(path.settings.fps))?;
     let speed = speed(args.speed)?;
-    const TIMED: &str = "--speed applies to paths with times (keyframes, KML, GPX)";
+    const TIMED: &str = "--speed applies to paths with times (keyframes, KML, GPX, CZML, GeoJSON)";
     match (&path.course, args.speed) {
         (Course::Frames(_), Some(_)) => {
             Err(Failure::bad_input(anyhow!("{TIMED}; this one has a pose per frame, so --fps sets its speed")))

@@ -181,7 +181,7 @@ pub(super) fn pose(
 fn orbit_path(args: &CourseArgs, database: &Store, exaggeration: f64) -> Result<LoadedPath, Failure> {
     if args.agl.agl.is_some() {
         return Err(Failure::bad_input(anyhow!(
-            "--agl applies to tracks (GPX, and lines and tracks of KML) and to --eye and --look-at, not to the orbit: \
+            "--agl applies to tracks (GPX, GeoJSON, and those of KML and CZML) and to --eye and --look-at, not to the orbit: \
              --height sets the height of the orbit"
         )));
     }

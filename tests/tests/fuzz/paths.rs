@@ -83,6 +83,38 @@ fn gpx() {
     run("path-gpx", Vec::new(), &words, 600);
 }
 
+#[test]
+fn czml() {
+    let words: [&[u8]; 10] = [
+        b"\"referenceFrame\": \"INERTIAL\",",
+        b"\"cartesianVelocity\"",
+        b"\"interval\": \"0000-01-01T00Z/9999-12-31T24Z\",",
+        b"\"2024-05-01T24:00:00Z\",",
+        b"\"HERMITE\"",
+        b"\"delete\": true,",
+        b"1e308",
+        b"-0,",
+        b"null",
+        b"[",
+    ];
+    run("path-czml", Vec::new(), &words, 600);
+}
+
+#[test]
+fn geojson() {
+    let words: [&[u8]; 8] = [
+        b"\"GeometryCollection\"",
+        b"\"geometries\"",
+        b"\"MultiPoint\"",
+        b"\"EPSG:32610\"",
+        b"\"times\": [[1, 2]],",
+        b"1e308",
+        b"null",
+        b"[",
+    ];
+    run("path-geojson", Vec::new(), &words, 600);
+}
+
 /// A zip with one stored member, as KMZ are.
 fn zip(name: &str, content: &[u8]) -> Vec<u8> {
     let crc = crc32fast::hash(content).to_le_bytes();

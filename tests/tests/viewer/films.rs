@@ -156,6 +156,17 @@ fn path_files_come_back_as_keyframes_or_with_line_and_reason() {
     let read = post("tour.kml", &tour).json();
     let keyframes = read["keyframes"].as_array().unwrap();
     assert_eq!((keyframes.len(), &keyframes[1]["t"], &keyframes[1]["z"]), (2, &json!(3.0), &json!(2500.0)));
+    let camera = json!([{"id": "document", "version": "1.0"}, {
+        "id": "camera",
+        "position": {"cartographicDegrees": [0, 9.0, 46.9, 2500, 3, 9.01, 46.9, 2500]},
+        "orientation": {"unitQuaternion": [0.5, 0.5, 0.5, 0.5]},
+    }]);
+    let read = post("tour.czml", &camera.to_string()).json();
+    let of_czml = read["keyframes"].as_array().unwrap();
+    assert_eq!((of_czml.len(), &of_czml[1]["t"], &of_czml[1]["x"]), (2, &json!(3.0), &keyframes[1]["x"]));
+    let line = json!({"type": "LineString", "coordinates": [[9.0, 46.9], [9.01, 46.9]]});
+    let read = post("line.geojson", &line.to_string()).json();
+    assert!(read["keyframes"].as_array().unwrap().len() > 10, "{read}");
     // What of a file is not flown is told to who looks.
     let mut client = Client::enter(&server, SIZE);
     post("two.kml", &tour.replace("<gx:Playlist>", "<gx:Playlist><gx:SoundCue/>"));
@@ -174,6 +185,8 @@ fn path_files_come_back_as_keyframes_or_with_line_and_reason() {
     assert!(text.contains("my tour.kml is not valid XML: line 2: expected </a>"), "{text}");
     let text = refused("bad.json", "{\"keyframes\": [\n{\"t\": 0,,}]}");
     assert!(text.contains("bad.json is not valid JSON") && text.contains("line 2"), "{text}");
+    let text = refused("bad.czml", &camera.to_string().replace("2500", "\"x\""));
+    assert!(text.contains("bad.czml: packet \"camera\": position: ") && text.contains("sample 0: expected a number"));
     let text = refused("", "hello");
     assert!(text.starts_with("the path is not a camera path") && !text.contains("upload"), "{text}");
 }

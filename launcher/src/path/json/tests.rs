@@ -102,7 +102,7 @@ fn a_bad_value_is_named_by_file_frame_and_key() {
             r#"{"keyframes":[{"t":0,"x":1,"y":2,"z":3,"heading":0,"pitch":0},{"t":1e-320,"x":9,"y":2,"z":3,"heading":0,"pitch":0}]}"#,
             "by 0.000001 at least",
         ),
-        (r#"{"type":"FeatureCollection","features":[]}"#, "found GeoJSON"),
+        (r#"{"type":"Topology","objects":{}}"#, "an object of type \"Topology\", which is not of GeoJSON"),
     ] {
         let message = parse_text(text).unwrap_err().to_string();
         assert!(message.contains(expected), "{text}\n  {message}\n  {expected}");

@@ -3,7 +3,7 @@
 
 use super::super::crs::Transform;
 use super::super::gpx::{MAX_POINTS, stamp, wrapped};
-use super::super::recording::{Recorded, Segment, Stamp};
+use super::super::recording::{At, Recorded, Segment, Stamp};
 use super::super::xml::Node;
 use super::super::{Ground, PathError, Remarks, shorten};
 use super::bad;
@@ -172,6 +172,6 @@ impl Reader<'_> {
             Above::Ground => height.map(|height| height + self.ground.height_m(place.x, place.y).unwrap_or(0.0)),
             Above::Nothing => None,
         };
-        Ok(Recorded { stamp, place, height_m, line: node.line() })
+        Ok(Recorded { stamp, place, height_m, at: At::Line(node.line()) })
     }
 }

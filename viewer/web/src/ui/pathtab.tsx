@@ -63,7 +63,7 @@ function FileButtons({ app }: { app: App }) {
   return (
     <>
       <div class="row wrap">
-        <Button title="Load a path: JSON, KML, KMZ or GPX" click={() => file.current?.click()}>
+        <Button title="Load a path: JSON, KML, KMZ, GPX, CZML or GeoJSON" click={() => file.current?.click()}>
           <Icon name="load" />
           Load
         </Button>
@@ -85,7 +85,7 @@ function FileButtons({ app }: { app: App }) {
         ref={file}
         class="hidden"
         type="file"
-        accept=".json,.kml,.kmz,.gpx,.gz,.zip"
+        accept=".json,.geojson,.czml,.kml,.kmz,.gpx,.gz,.zip"
         aria-label="Path file"
         tabIndex={-1}
         onChange={(event) => {
