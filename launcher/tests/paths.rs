@@ -61,9 +61,10 @@ fn documents(count: usize) -> Vec<(&'static str, String)> {
         format!("{{\"id\":\"a\",\"position\":{{\"cartographicDegrees\":[{samples}]}}{more}}}")
     };
     let interval = |i: usize| {
-        let (hour, minute) = (i / 60 % 24, i % 60);
-        let day = 1 + i / 1440 % 28;
-        format!("{{\"interval\":\"202405{day:02}T{hour:02}{minute:02}Z/9999Z\",\"cartographicDegrees\":[-122,45,900]}}")
+        let (hour, minute, second) = (i / 3600 % 24, i / 60 % 60, i % 60);
+        format!(
+            "{{\"interval\":\"20240501T{hour:02}{minute:02}{second:02}Z/9999Z\",\"cartographicDegrees\":[-122,45,900]}}"
+        )
     };
     let turns = format!(",\"orientation\":{{\"unitQuaternion\":[{}]}}", joined(&|i| format!("{i}.5,0,0,0,1")));
     let line = |_: usize| "{\"type\":\"LineString\",\"coordinates\":[[-122,45],[-122.0001,45]]}".to_owned();
