@@ -126,7 +126,7 @@ impl<'a> Objects<'a> {
     /// The object that is flown: the first that moves against the ground, else one that looks.
     ///
     /// # Errors
-    /// [`PathError::Empty`] when there is none.
+    /// [`PathError::Empty`] when no object can be flown.
     pub(super) fn flown(&self, path: &Path) -> Result<&Object<'a>, PathError> {
         let looks =
             |object: &Object<'_>| object.orientations.iter().any(|raw| extent(raw, &ORIENTATION) != Extent::None);
