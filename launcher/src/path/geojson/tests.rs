@@ -81,7 +81,7 @@ fn heights_are_flown_in_the_air_and_it_is_said_above_what() {
     let (path, remarks) = parse_with(&text, low);
     assert!((path.unwrap().course.pose(30, 1.0, 1.0).unwrap().position.z - 120.0).abs() < 1e-6);
     assert_eq!(remarks, Remarks::default());
-    // A height that is not known is none.
+    // An unknown height is written as null.
     let text = text.replace("900", "null");
     assert!((parse_text(&text).unwrap().course.pose(30, 1.0, 1.0).unwrap().position.z - 250.0).abs() < 1e-6);
 }
