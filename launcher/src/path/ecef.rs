@@ -1,16 +1,12 @@
-//! Places in Earth-fixed coordinates: metres from the middle of the ellipsoid, x towards longitude
-//! 0, y towards 90 degrees east, z towards the north pole.
+//! Places in Earth-fixed coordinates, in degrees as files give them, on the ellipsoid of a PROJ string.
 
 use glam::{DMat3, DVec3};
 use terravision_common::lonlat::proj_value;
+use terravision_common::surface::globe;
 
-/// An ellipsoid of revolution.
+/// The ellipsoid of a file's longitudes and latitudes.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Ellipsoid {
-    semi_major_m: f64,
-    /// Square of the first eccentricity.
-    e2: f64,
-}
+pub(super) struct Ellipsoid(globe::Ellipsoid);
 
 /// A place: degrees, and metres above the ellipsoid.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -21,11 +17,7 @@ pub(super) struct Geodetic {
 }
 
 impl Ellipsoid {
-    pub(super) const WGS84: Self = Self::new(6_378_137.0, 1.0 / 298.257_223_563);
-
-    const fn new(semi_major_m: f64, flattening: f64) -> Self {
-        Self { semi_major_m, e2: flattening * (2.0 - flattening) }
-    }
+    pub(super) const WGS84: Self = Self(globe::Ellipsoid::EARTH);
 
     /// The ellipsoid of longitudes and latitudes in a PROJ string, where it is given by its size;
     /// else that of WGS 84.
@@ -34,51 +26,33 @@ impl Ellipsoid {
         let Some(a) = number("a").or(number("R")).filter(|a| *a > 0.0 && a.is_finite()) else { return Self::WGS84 };
         let inverse = number("rf").map(|rf| 1.0 / rf);
         let flattening = number("b").map(|b| 1.0 - b / a).or(inverse).or(number("f")).unwrap_or(0.0);
-        Self::new(a, if (0.0..0.5).contains(&flattening) { flattening } else { 0.0 })
+        Self(globe::Ellipsoid::new(a, if (0.0..0.5).contains(&flattening) { flattening } else { 0.0 }))
     }
 
     /// The place of a position; `None` within a tenth of the radius around the middle, where there
     /// is no sensible one.
     pub(super) fn geodetic_from_ecef(&self, position: DVec3) -> Option<Geodetic> {
-        // Bowring, "Transformation from spatial to geographical coordinates", 1976; each repetition
-        // shrinks the error some thousand times.
-        const REPEATS: usize = 4;
-        if !position.is_finite() || position.length() < 0.1 * self.semi_major_m {
+        if !position.is_finite() || position.length() < 0.1 * self.0.semi_major_m() {
             return None;
         }
-        let from_axis = position.x.hypot(position.y);
-        let minor_ratio = (1.0 - self.e2).sqrt();
-        let mut parametric = position.z.atan2(from_axis * minor_ratio);
-        let mut latitude = parametric;
-        for _ in 0..REPEATS {
-            let (sin, cos) = parametric.sin_cos();
-            let rise = position.z + self.e2 / minor_ratio * self.semi_major_m * sin.powi(3);
-            let run = from_axis - self.e2 * self.semi_major_m * cos.powi(3);
-            latitude = rise.atan2(run.max(0.0));
-            parametric = (minor_ratio * latitude.sin()).atan2(latitude.cos());
-        }
-        let (sin, cos) = latitude.sin_cos();
-        let height_m = from_axis * cos + position.z * sin - self.semi_major_m * (1.0 - self.e2 * sin * sin).sqrt();
-        let longitude_deg = position.y.atan2(position.x).to_degrees();
-        Some(Geodetic { longitude_deg, latitude_deg: latitude.to_degrees(), height_m })
+        let globe::Geodetic { longitude, latitude, height_m } = self.0.place(position);
+        Some(Geodetic { longitude_deg: longitude.to_degrees(), latitude_deg: latitude.to_degrees(), height_m })
     }
 
     /// The position of a place.
     #[cfg(test)]
-    pub(super) fn ecef_from_geodetic(&self, place: Geodetic) -> DVec3 {
-        let up = east_north_up(place.longitude_deg, place.latitude_deg).z_axis;
-        let across = self.semi_major_m / (1.0 - self.e2 * up.z * up.z).sqrt();
-        up * DVec3::new(across, across, across * (1.0 - self.e2)) + up * place.height_m
+    pub(super) fn ecef_from_geodetic(&self, Geodetic { longitude_deg, latitude_deg, height_m }: Geodetic) -> DVec3 {
+        self.0.position(globe::Geodetic { height_m, ..on_ellipsoid(longitude_deg, latitude_deg) })
     }
+}
+
+fn on_ellipsoid(longitude_deg: f64, latitude_deg: f64) -> globe::Geodetic {
+    globe::Geodetic { longitude: longitude_deg.to_radians(), latitude: latitude_deg.to_radians(), height_m: 0.0 }
 }
 
 /// The directions east, north and up at a place, Earth-fixed, as columns.
 pub(super) fn east_north_up(longitude_deg: f64, latitude_deg: f64) -> DMat3 {
-    let (sin_lon, cos_lon) = longitude_deg.to_radians().sin_cos();
-    let (sin_lat, cos_lat) = latitude_deg.to_radians().sin_cos();
-    let east = DVec3::new(-sin_lon, cos_lon, 0.0);
-    let up = DVec3::new(cos_lat * cos_lon, cos_lat * sin_lon, sin_lat);
-    DMat3::from_cols(east, up.cross(east), up)
+    globe::Ellipsoid::east_north_up(on_ellipsoid(longitude_deg, latitude_deg))
 }
 
 #[cfg(test)]
@@ -101,7 +75,7 @@ mod tests {
     #[test]
     fn a_body_has_its_own_ellipsoid() {
         assert_eq!(Ellipsoid::of_lonlat("+proj=longlat +datum=WGS84 +no_defs"), Ellipsoid::WGS84);
-        assert_eq!(Ellipsoid::of_lonlat("+proj=longlat +R=1737400 +no_defs"), Ellipsoid::new(1_737_400.0, 0.0));
+        assert_eq!(Ellipsoid::of_lonlat("+proj=longlat +R=1737400 +no_defs"), Ellipsoid(globe::Ellipsoid::MOON));
         let mars = Ellipsoid::of_lonlat("+proj=longlat +a=3396190 +b=3376200 +no_defs");
         let pole = mars.geodetic_from_ecef(DVec3::new(0.0, 0.0, 3_376_300.0)).unwrap();
         assert!((pole.height_m - 100.0).abs() < 1e-6, "{pole:?}");
