@@ -60,10 +60,12 @@ impl NodeBall {
         Self { middle, radius_m, direction: middle.normalize_or(DVec3::Z), reach, highest_m: highest }
     }
 
-    /// Distance from a body-fixed eye to the nearest place where ground may be, metres; 0 within.
+    /// At most the distance from a body-fixed eye to the nearest place where ground may be, metres.
     #[must_use]
-    pub fn distance_m(&self, eye: DVec3) -> f64 {
-        ((eye - self.middle).length() - self.radius_m).max(0.0)
+    pub fn distance_m(&self, body: &Ellipsoid, eye: DVec3) -> f64 {
+        // Nothing is nearer than it is lower.
+        let above = body.place(eye).height_m - self.highest_m;
+        ((eye - self.middle).length() - self.radius_m).max(above).max(0.0)
     }
 
     /// Whether the body hides the node from a body-fixed eye, whatever its ground is like, as long as

@@ -17,8 +17,12 @@
 //! A node's children are two rows of two nodes; of a polar node the one at the pole, as wide as
 //! itself, and two. Both hemispheres are cut from their pole to the row nearest to the equator, where
 //! the last nodes of each end, as all nodes end at the seam: their posts beyond lie on it.
+//!
+//! Where rows cannot be cut any more, nodes are cut along longitude alone, down to the lattice's own
+//! columns: to the level 0 at the poles, and to [`GlobeLattice::rows_level`] around the equator. So
+//! every lattice point is a post, and a level is as fine along longitude wherever it exists.
 
-use crate::node::NodeId;
+use crate::node::{MAX_LEVEL, NodeId};
 use std::ops::Range;
 
 /// Which edge of a node.
@@ -43,8 +47,9 @@ pub struct GlobeLattice {
     rows: u32,
     /// Cells along a side of a node.
     cells: u32,
-    /// The coarsest level, at which each hemisphere is one row of nodes.
-    top: u8,
+    /// The finest level at which rows are cut; and as many more levels are above it, up to the one at
+    /// which each hemisphere is one row of nodes.
+    rows_level: u8,
 }
 
 /// The nodes of one row, at one level.
@@ -71,10 +76,10 @@ impl GlobeLattice {
         if rows < 2 || !cells.is_power_of_two() {
             return None;
         }
-        let top = ceil_log2(half.div_ceil(cells));
-        let lattice = Self { columns, rows, cells, top };
-        let is_in_ids = top < 27 && columns.div_ceil(cells) < 1 << 28;
-        (is_in_ids && lattice.columns_of(&lattice.row_of(top, 0, false)) >= 2).then_some(lattice)
+        let lattice = Self { columns, rows, cells, rows_level: ceil_log2(half.div_ceil(cells)) };
+        let is_in_ids = lattice.rows_level <= MAX_LEVEL / 2 && columns.div_ceil(cells) < 1 << 28;
+        let roots = lattice.row_of(lattice.top(), 0, false).map_or(0, |row| lattice.columns_of(&row));
+        (is_in_ids && roots >= 2).then_some(lattice)
     }
 
     /// Lattice columns around, and rows from pole to pole.
@@ -92,7 +97,18 @@ impl GlobeLattice {
     /// The coarsest level: that of the roots.
     #[must_use]
     pub const fn top(&self) -> u8 {
-        self.top
+        2 * self.rows_level
+    }
+
+    /// The finest level that cuts rows; finer ones cut columns alone.
+    #[must_use]
+    pub const fn rows_level(&self) -> u8 {
+        self.rows_level
+    }
+
+    /// A step along latitude at a level, as a power of two of rows.
+    const fn log_rows(&self, q: u8) -> u8 {
+        q.saturating_sub(self.rows_level)
     }
 
     /// The lattice row at which the hemispheres meet.
@@ -105,19 +121,27 @@ impl GlobeLattice {
         if is_north { self.rows - self.middle() } else { self.middle() }
     }
 
-    fn row_of(&self, q: u8, from_pole: u32, is_north: bool) -> NodeRow {
-        NodeRow { from_pole, is_north, log_step: self.top - ceil_log2(from_pole + 1).min(self.top - q) }
+    /// A row of nodes; `None` where its columns are as fine as the lattice's at a coarser level.
+    fn row_of(&self, q: u8, from_pole: u32, is_north: bool) -> Option<NodeRow> {
+        let widest = self.rows_level - ceil_log2(from_pole + 1).min(self.rows_level - self.log_rows(q));
+        let log_step = widest.checked_sub(self.rows_level.saturating_sub(q))?;
+        Some(NodeRow { from_pole, is_north, log_step })
     }
 
     /// Numbers of rows at a level, of which those around the middle do not exist.
     const fn numbers(&self, q: u8) -> u32 {
-        2 << (self.top - q)
+        2 << (self.rows_level - self.log_rows(q))
     }
 
+    fn row_at(&self, q: u8, n: u32) -> Option<NodeRow> {
+        let is_north = n >= self.numbers(q) / 2;
+        self.row_of(q, if is_north { self.numbers(q) - 1 - n } else { n }, is_north)
+    }
+
+    /// The row of a node that exists.
     fn row(&self, node: NodeId) -> NodeRow {
-        let is_north = node.n() >= self.numbers(node.q()) / 2;
-        let from_pole = if is_north { self.numbers(node.q()) - 1 - node.n() } else { node.n() };
-        self.row_of(node.q(), from_pole, is_north)
+        let none = NodeRow { from_pole: 0, is_north: false, log_step: 0 };
+        self.row_at(node.q(), node.n()).unwrap_or(none)
     }
 
     /// Number of a row, counted from the south.
@@ -127,7 +151,7 @@ impl GlobeLattice {
 
     /// Rows of nodes of a hemisphere at a level.
     fn rows_of(&self, q: u8, is_north: bool) -> u32 {
-        (u64::from(self.half(is_north)).div_ceil(u64::from(self.cells) << q)) as u32
+        (u64::from(self.half(is_north)).div_ceil(u64::from(self.cells) << self.log_rows(q))) as u32
     }
 
     /// Nodes of a row.
@@ -138,32 +162,33 @@ impl GlobeLattice {
     /// Whether a node is one of the body.
     #[must_use]
     pub fn contains(&self, node: NodeId) -> bool {
-        if node.q() > self.top || node.n() >= self.numbers(node.q()) {
+        if node.q() > self.top() || node.n() >= self.numbers(node.q()) {
             return false;
         }
-        let row = self.row(node);
-        row.from_pole < self.rows_of(node.q(), row.is_north) && node.m() < self.columns_of(&row)
+        let is_in =
+            |row: NodeRow| row.from_pole < self.rows_of(node.q(), row.is_north) && node.m() < self.columns_of(&row);
+        self.row_at(node.q(), node.n()).is_some_and(is_in)
     }
 
     /// The nodes of the coarsest level: the south's, then the north's.
     pub fn roots(&self) -> impl Iterator<Item = NodeId> + use<> {
-        let columns = self.columns_of(&self.row_of(self.top, 0, false));
-        let top = self.top;
+        let top = self.top();
+        let columns = self.row_of(top, 0, false).map_or(0, |row| self.columns_of(&row));
         (0..2).flat_map(move |n| (0..columns).filter_map(move |m| NodeId::new(m, n, top)))
     }
 
     /// The children of a node, those that there are: from the west, the southern row first.
     pub fn children(&self, node: NodeId) -> impl Iterator<Item = NodeId> + use<> {
         let lattice = *self;
-        (0..4u32).filter_map(move |index| {
+        let cuts_rows = node.q() > self.rows_level;
+        (0..if cuts_rows { 4 } else { 2u32 }).filter_map(move |index| {
             let q = node.q().checked_sub(1)?;
-            let (i, n) = (index & 1, 2 * node.n() + (index >> 1));
-            let row = lattice.row(NodeId::new(0, n, q)?);
-            let is_as_wide = row.log_step == lattice.row(node).log_step;
-            if is_as_wide && i == 1 {
+            let n = if cuts_rows { 2 * node.n() + (index >> 1) } else { node.n() };
+            let is_as_wide = lattice.row_at(q, n)?.log_step == lattice.row(node).log_step;
+            if is_as_wide && index & 1 == 1 {
                 return None;
             }
-            let m = if is_as_wide { node.m() } else { 2 * node.m() + i };
+            let m = if is_as_wide { node.m() } else { 2 * node.m() + (index & 1) };
             NodeId::new(m, n, q).filter(|child| lattice.contains(*child))
         })
     }
@@ -171,47 +196,50 @@ impl GlobeLattice {
     /// The node of the next coarser level that has this one as a child; `None` for a root.
     #[must_use]
     pub fn parent(&self, node: NodeId) -> Option<NodeId> {
-        let (q, n) = (node.q() + 1, node.n() / 2);
-        if q > self.top {
+        let q = node.q() + 1;
+        let n = if q > self.rows_level { node.n() / 2 } else { node.n() };
+        if q > self.top() {
             return None;
         }
-        let above = self.row(NodeId::new(0, n, q)?);
-        let m = if above.log_step == self.row(node).log_step { node.m() } else { node.m() / 2 };
-        NodeId::new(m, n, q)
+        let is_as_wide = self.row_at(q, n)?.log_step == self.row(node).log_step;
+        NodeId::new(if is_as_wide { node.m() } else { node.m() / 2 }, n, q)
     }
 
     /// The nodes of the same level beside a node: one to the west and the east, none beyond a pole, one
-    /// or two (of which the second may be missing at the seam) to the south and the north.
+    /// or two (of which the second may be missing at the seam) to the south and the north. A row
+    /// beside it of which the level does not exist has those of the next coarser level, which do.
     pub fn neighbors(&self, node: NodeId, side: Side) -> impl Iterator<Item = NodeId> + use<> {
         let row = self.row(node);
         let columns = self.columns_of(&row);
-        let (n, nodes) = match side {
-            Side::West => (node.n(), self.one((node.m() + columns - 1) % columns)),
-            Side::East => (node.n(), self.one((node.m() + 1) % columns)),
+        let (q, n, nodes) = match side {
+            Side::West => (node.q(), node.n(), self.one((node.m() + columns - 1) % columns)),
+            Side::East => (node.q(), node.n(), self.one((node.m() + 1) % columns)),
             Side::South | Side::North => self.across(node, row, side == Side::North),
         };
-        nodes.filter_map(move |m| NodeId::new(m, n, node.q()))
+        nodes.filter_map(move |m| NodeId::new(m, n, q))
     }
 
     const fn one(&self, m: u32) -> Range<u32> {
         m..m + 1
     }
 
-    /// Number of the row of nodes to the north or the south, and its nodes along an edge.
-    fn across(&self, node: NodeId, row: NodeRow, is_northwards: bool) -> (u32, Range<u32>) {
+    /// Level and number of the row of nodes to the north or the south, and its nodes along an edge.
+    fn across(&self, node: NodeId, row: NodeRow, is_northwards: bool) -> (u8, u32, Range<u32>) {
         let q = node.q();
         let is_polewards = is_northwards == row.is_north;
         let (from_pole, is_north) = match (is_polewards, row.from_pole) {
-            (true, 0) => return (0, 0..0),
+            (true, 0) => return (q, 0, 0..0),
             (true, from_pole) => (from_pole - 1, row.is_north),
             (false, from_pole) if from_pole + 1 < self.rows_of(q, row.is_north) => (from_pole + 1, row.is_north),
             (false, _) => (self.rows_of(q, !row.is_north) - 1, !row.is_north),
         };
-        let beside = self.row_of(q, from_pole, is_north);
+        // Rows beside each other differ by one level at most, and only where rows are not cut.
+        let at = |q: u8| self.row_of(q, from_pole, is_north).map(|beside| (q, beside));
+        let Some((level, beside)) = at(q).or_else(|| at(q + 1)) else { return (q, 0, 0..0) };
         let span = self.columns_spanned(node.m(), &row);
         let side = u64::from(self.cells) << beside.log_step;
         let nodes = (span.start / side) as u32..span.end.div_ceil(side) as u32;
-        (self.number(q, from_pole, is_north), nodes)
+        (level, self.number(level, from_pole, is_north), nodes)
     }
 
     /// Lattice columns of a node, clipped at the seam, where they end at W.
@@ -232,7 +260,7 @@ impl GlobeLattice {
     /// From post to post of a node along longitude and latitude, as powers of two of the lattice's.
     #[must_use]
     pub fn log_steps(&self, node: NodeId) -> [u8; 2] {
-        [self.row(node).log_step, node.q()]
+        [self.row(node).log_step, self.log_rows(node.q())]
     }
 
     /// The lattice column of a node's post column `k`, 0 to the number of cells; canonical.
@@ -250,7 +278,7 @@ impl GlobeLattice {
         let cells = u64::from(self.cells);
         let half = u64::from(self.half(row.is_north));
         let from_pole = if row.is_north { cells - u64::from(k) } else { u64::from(k) };
-        let from_pole = ((u64::from(row.from_pole) * cells + from_pole) << node.q()).min(half);
+        let from_pole = ((u64::from(row.from_pole) * cells + from_pole) << self.log_rows(node.q())).min(half);
         if row.is_north { u64::from(self.rows) - from_pole } else { from_pole }
     }
 

@@ -21,6 +21,8 @@ pub use ellipsoid::{Ellipsoid, Geodetic};
 pub use eye::{GlobeColumn, GlobeEye, GlobeRow};
 pub use lattice::{GlobeLattice, Side};
 
+use crate::node::NodeId;
+use glam::DVec3;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// A body's ground: its lattice on its ellipsoid.
@@ -85,5 +87,28 @@ impl Globe {
     pub fn place(&self, point: [u64; 2], height_m: f64) -> Geodetic {
         let [column, row] = self.lattice.canonical(point);
         Geodetic { longitude: self.longitude(column), latitude: self.latitude(row), height_m }
+    }
+
+    /// From row to row along a meridian, divided among the levels that cut columns alone: what posts
+    /// of level 0 are apart, where they are furthest, metres.
+    #[must_use]
+    pub fn unit_m(&self) -> f64 {
+        self.body.semi_major_m() * self.row_step / f64::from(1u32 << self.lattice.rows_level())
+    }
+
+    /// How much narrower than nominally, 0 to 1, the cells of a node need to be taken to be that is
+    /// cut along longitude alone, for a body-fixed eye at this distance from it. Towards a pole they
+    /// are the narrower the nearer they are to the axis, and ground that is `x` further from the axis
+    /// than the eye is at least `x` away.
+    #[must_use]
+    pub fn narrowing(&self, node: NodeId, eye: DVec3, distance_m: f64) -> f64 {
+        if node.q() > self.lattice.rows_level() {
+            return 1.0;
+        }
+        let [_, rows] = self.lattice.span(node);
+        let from_axis = |row| self.body.meridian(self.latitude(row))[0];
+        let widest = from_axis(rows.start).max(from_axis(rows.end));
+        let near = eye.truncate().length() + distance_m;
+        if near < widest { near / widest } else { 1.0 }
     }
 }

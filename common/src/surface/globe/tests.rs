@@ -39,7 +39,9 @@ fn level(lattice: &GlobeLattice, q: u8) -> Vec<NodeId> {
 /// A lattice, and a node of it.
 fn node() -> impl Strategy<Value = (GlobeLattice, NodeId)> {
     (lattice(), any::<prop::sample::Index>(), any::<prop::sample::Index>()).prop_map(|(lattice, q, at)| {
-        let nodes = level(&lattice, q.index(usize::from(lattice.top()) + 1) as u8);
+        let q = q.index(usize::from(lattice.top()) + 1) as u8;
+        // There may be no row down to a level as fine.
+        let nodes = (q..=lattice.top()).map(|q| level(&lattice, q)).find(|nodes| !nodes.is_empty()).unwrap_or_default();
         (lattice, nodes[at.index(nodes.len())])
     })
 }
@@ -95,7 +97,9 @@ proptest! {
     #[test]
     fn nodes_of_a_level_share_out_the_lattice(lattice in lattice(), q: prop::sample::Index, at in prop::array::uniform2(0.0f64..1.0)) {
         let q = q.index(usize::from(lattice.top()) + 1) as u8;
-        let nodes = level(&lattice, q);
+        // Rows that end above the level have their last nodes there.
+        let last = (q..=lattice.rows_level()).flat_map(|q| level(&lattice, q)).filter(|node| node.q() > q && lattice.children(*node).next().is_none());
+        let nodes: Vec<NodeId> = level(&lattice, q).into_iter().chain(last).collect();
         let [columns, rows] = lattice.size().map(u64::from);
         let spans: Vec<_> = nodes.iter().map(|node| lattice.span(*node)).collect();
         let cells: u64 = spans.iter().map(|[c, r]| (c.end - c.start) * (r.end - r.start)).sum();
@@ -103,7 +107,7 @@ proptest! {
         let cell = [(at[0] * columns as f64) as u64, (at[1] * rows as f64) as u64];
         let holding = spans.iter().filter(|[c, r]| c.contains(&cell[0]) && r.contains(&cell[1])).count();
         prop_assert_eq!(holding, 1);
-        prop_assert!(nodes.iter().all(|node| lattice.contains(*node) && node.q() == q));
+        prop_assert!(nodes.iter().all(|node| lattice.contains(*node) && (node.q() == q || lattice.log_steps(*node) == [0, 0])));
         prop_assert_eq!(nodes.iter().collect::<BTreeSet<_>>().len(), nodes.len());
     }
 
@@ -119,9 +123,15 @@ proptest! {
             cells += (c.end - c.start) * (r.end - r.start);
             // Posts of the node between those of its children are among theirs.
             let [own, finer] = [lattice.log_steps(node), lattice.log_steps(child)];
-            prop_assert!(finer[0] <= own[0] && finer[0] + 1 >= own[0] && finer[1] + 1 == own[1]);
+            prop_assert!(finer[0] <= own[0] && finer[0] + 1 >= own[0]);
+            let is_cut = match node.q() > lattice.rows_level() {
+                true => finer[1] + 1 == own[1],
+                false => finer[1] == 0 && finer[0] + 1 == own[0],
+            };
+            prop_assert!(is_cut);
         }
-        if node.q() > 0 {
+        prop_assert_eq!(cells == 0, lattice.log_steps(node) == [0, 0]);
+        if cells > 0 {
             prop_assert_eq!(cells, (columns.end - columns.start) * (rows.end - rows.start));
         }
     }
@@ -135,7 +145,11 @@ proptest! {
             prop_assert_eq!(beside.is_empty(), is_at_pole && matches!(side, Side::South | Side::North));
             for other in beside {
                 prop_assert!(lattice.contains(other), "{node} {side:?} {other}");
-                prop_assert!(lattice.neighbors(other, back).any(|n| n == node), "{node} {side:?} {other}");
+                if other.q() == node.q() {
+                    prop_assert!(lattice.neighbors(other, back).any(|n| n == node), "{node} {side:?} {other}");
+                } else {
+                    prop_assert!(other.q() == node.q() + 1 && lattice.children(other).next().is_none());
+                }
                 let theirs = edge(&lattice, other, back);
                 if matches!(side, Side::West | Side::East) {
                     prop_assert_eq!(&theirs, &own);
@@ -190,7 +204,7 @@ proptest! {
         let ground = body.position(Geodetic { longitude, latitude, height_m: between(heights[0], heights[1], shares[2]) });
         prop_assert!((ground - ball.middle).length() <= ball.radius_m * (1.0 + 1e-9) + 1e-6, "{} of {}", (ground - ball.middle).length(), ball.radius_m);
         let eye = body.position(Geodetic { height_m: 9e3 + 10f64.powf(log), ..eye });
-        prop_assert!(ball.distance_m(eye) <= (ground - eye).length() * (1.0 + 1e-9) + 1e-6);
+        prop_assert!(ball.distance_m(&body, eye) <= (ground - eye).length() * (1.0 + 1e-9) + 1e-6);
         if ball.is_behind_limb(&body, eye, -8e3) {
             // The line of sight passes through the ball that all ground is around.
             let way = ground - eye;
@@ -211,7 +225,7 @@ fn places_are_those_of_the_textbook() {
 #[test]
 fn poles_and_seam_are_single_points() {
     let lattice = GlobeLattice::new(48, 24, 4).unwrap();
-    assert_eq!(lattice.top(), 2);
+    assert_eq!((lattice.rows_level(), lattice.top()), (2, 4));
     let globe = globe(Ellipsoid::MARS, lattice);
     let eye = GlobeEye::new(Ellipsoid::MARS, Geodetic { longitude: 0.3, latitude: 1.2, height_m: 500.0 });
     let at = |point: [u64; 2]| eye.lattice_vertex(&globe, point, 120.0);
@@ -223,8 +237,10 @@ fn poles_and_seam_are_single_points() {
     assert_ne!(at([1, 1]), at([0, 1]));
     // Three columns of polar nodes at all levels, the rows beside them twice as many, and so on.
     let columns = |q: u8, n: u32| level(&lattice, q).iter().filter(|node| node.n() == n).count();
-    assert_eq!([columns(2, 0), columns(1, 0), columns(0, 0)], [3, 3, 3]);
-    assert_eq!([columns(1, 1), columns(0, 1), columns(0, 2)], [6, 6, 12]);
+    assert_eq!([columns(4, 0), columns(3, 0), columns(2, 0)], [3, 3, 3]);
+    assert_eq!([columns(3, 1), columns(2, 1), columns(2, 2)], [6, 6, 12]);
+    // And below, where rows end, down to the lattice's own columns, each row by itself.
+    assert_eq!([columns(1, 0), columns(0, 0), columns(1, 1), columns(0, 1), columns(1, 2)], [6, 12, 12, 0, 0]);
 }
 
 #[test]
@@ -240,18 +256,20 @@ fn grids_that_are_too_small_or_out_of_order_are_none() {
 
 /// Leaves that a view asks for which sees all around: nodes are split while their posts are more than
 /// 10 pixels apart, 623 pixels being as wide as they are far away.
-fn leaves(globe: &Globe, eye: DVec3, culls: bool) -> usize {
-    let spacing_m = globe.body().semi_major_m() * globe.row_step;
+fn leaves(globe: &Globe, eye: Geodetic, culls: bool) -> usize {
+    let position = globe.body().position(eye);
     let mut nodes: Vec<NodeId> = globe.lattice().roots().collect();
     let mut count = 0;
     while let Some(node) = nodes.pop() {
         let ball = NodeBall::new(globe, node, [0.0; 2]);
-        if culls && ball.is_behind_limb(globe.body(), eye, 0.0) {
+        if culls && ball.is_behind_limb(globe.body(), position, 0.0) {
             continue;
         }
-        let spacing_m = spacing_m * f64::from(1u32 << node.q());
-        if node.q() > 0 && spacing_m > 10.0 / 623.0 * ball.distance_m(eye) {
-            nodes.extend(globe.lattice().children(node));
+        let distance_m = ball.distance_m(globe.body(), position);
+        let spacing_m = globe.unit_m() * f64::from(1u32 << node.q()) * globe.narrowing(node, position, distance_m);
+        let mut children = globe.lattice().children(node).peekable();
+        if children.peek().is_some() && spacing_m > 10.0 / 623.0 * distance_m {
+            nodes.extend(children);
         } else {
             count += 1;
         }
@@ -266,8 +284,7 @@ fn a_pole_takes_no_more_leaves_than_other_places() {
     for latitude in [-90.0, -89.0, 0.0, 45.0, 90.0f64] {
         for height_m in [10.0, 1e3, 1e5, 1e7] {
             let place = Geodetic { longitude: 0.4, latitude: latitude.to_radians(), height_m };
-            let eye = globe.body().position(place);
-            let (all, seen) = (leaves(&globe, eye, false), leaves(&globe, eye, true));
+            let (all, seen) = (leaves(&globe, place, false), leaves(&globe, place, true));
             assert!(
                 seen <= all && all <= 300,
                 "{latitude} degrees, {height_m} m: {all} leaves, {seen} before the limb"
