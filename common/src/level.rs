@@ -286,6 +286,7 @@ mod tests {
             levels: 8,
             finest_elevation_level: 0,
             finest_color_level: 2,
+            body: None,
         })
         .expect("valid")
     }

@@ -210,6 +210,7 @@ mod tests {
             levels: 5,
             finest_elevation_level: 0,
             finest_color_level: 0,
+            body: None,
         })
         .expect("valid");
         SyntheticTerrain::new(&world, relief, 3)

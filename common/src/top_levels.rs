@@ -48,6 +48,7 @@ mod tests {
             levels,
             finest_elevation_level: 0,
             finest_color_level,
+            body: None,
         })
         .expect("valid")
     }

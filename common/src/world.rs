@@ -21,7 +21,12 @@
 //! `b/Nz`. Every vertex that is ever drawn is a lattice point, so positions along an edge that two
 //! leaves share are equal as integers.
 
+mod body;
+
+pub use body::BodyGrid;
+
 use crate::node::{MAX_LEVEL, NodeId};
+use crate::surface::globe::Globe;
 use crate::surface::{CrsFrame, Surface};
 use glam::DVec2;
 use serde::{Deserialize, Serialize};
@@ -38,18 +43,21 @@ pub struct World {
     has_holes: bool,
     /// The finest level of which, and of all coarser ones, every node has its tiles.
     complete_level: u8,
+    /// Of a world that is a whole body; made of the fields.
+    globe: Option<Globe>,
 }
 
 /// The unchecked numbers of a [`World`], as in the manifest.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct WorldFields {
-    /// Easting and northing (metres, in the database's CRS) of the south west elevation post.
+    /// Easting and northing (metres, in the database's CRS) of the south west elevation post. Of a
+    /// body: longitude of column 0, and -90, degrees.
     pub origin: [f64; 2],
-    /// Distance of two lattice points, metres: `b/Nz`.
+    /// Distance of two lattice points, metres: `b/Nz`. Of a body: [`Globe::unit_m`].
     pub lattice_unit_m: f64,
     /// Extent east and north of the origin, lattice units. Terrain is defined on the closed
-    /// rectangle.
+    /// rectangle. Of a body: columns around, and rows from pole to pole.
     pub extent: [u32; 2],
     /// Nz: intervals along the side of an elevation tile (it has Nz + 1 posts). A power of two.
     pub elevation_tile: u32,
@@ -61,6 +69,9 @@ pub struct WorldFields {
     pub finest_elevation_level: u8,
     /// The finest level that has colour tiles.
     pub finest_color_level: u8,
+    /// Where the lattice lies on a whole body; absent of a plane.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub body: Option<BodyGrid>,
 }
 
 /// Why numbers are not a valid [`World`].
@@ -110,7 +121,9 @@ impl World {
         if f.extent[0] == 0 || f.extent[1] == 0 || longer > 1 << 28 {
             return fail("extent", longer as f64, "1 to 2^28 lattice units along each side");
         }
-        if f.levels == 0 || f.levels > MAX_LEVEL + 1 || u64::from(f.elevation_tile) << (f.levels - 1) < longer {
+        let globe = f.body.as_ref().map(|grid| body::globe_of(f, grid)).transpose()?;
+        let covers = |levels: u8| globe.is_some() || u64::from(f.elevation_tile) << (levels - 1) >= longer;
+        if f.levels == 0 || f.levels > MAX_LEVEL + 1 || !covers(f.levels) {
             return fail("levels", f64::from(f.levels), "enough levels for the root to cover the extent, at most 25");
         }
         if f.finest_elevation_level >= f.levels {
@@ -126,7 +139,7 @@ impl World {
                 "at most log2(elevation_tile) levels above the finest colour level",
             );
         }
-        Ok(Self { fields, has_validity: false, has_holes: false, complete_level: 0 })
+        Ok(Self { fields, has_validity: false, has_holes: false, complete_level: 0, globe })
     }
 
     /// The same world with planes of validity beside its heights ([`crate::validity`]);
@@ -179,6 +192,12 @@ impl World {
     #[must_use]
     pub fn fields(&self) -> &WorldFields {
         &self.fields
+    }
+
+    /// The body that it is, if it is not a plane.
+    #[must_use]
+    pub const fn globe(&self) -> Option<&Globe> {
+        self.globe.as_ref()
     }
 
     /// Where its ground lies in space.
@@ -291,16 +310,79 @@ impl World {
         self.surface().node_origin(node)
     }
 
-    /// Number of columns and rows of nodes that overlap the extent at level `q`.
+    /// Number of columns and rows of nodes that overlap the extent at level `q`. Of a body: the most
+    /// columns that a row has, and numbers of rows, of which some do not exist.
     #[must_use]
     pub fn nodes_at(&self, q: u8) -> [u32; 2] {
-        self.surface().nodes_at(q)
+        match &self.globe {
+            Some(globe) => body::nodes_at(globe.lattice(), q),
+            None => self.surface().nodes_at(q),
+        }
+    }
+
+    /// Number of nodes of row `n` of level `q`; none where the row does not exist.
+    #[must_use]
+    pub fn columns_of_row(&self, q: u8, n: u32) -> u32 {
+        match &self.globe {
+            Some(globe) => body::columns_of_row(globe.lattice(), q, n),
+            None => {
+                let [columns, rows] = self.nodes_at(q);
+                if n < rows { columns } else { 0 }
+            }
+        }
+    }
+
+    /// Number of nodes of level `q`.
+    #[must_use]
+    pub fn node_count(&self, q: u8) -> u64 {
+        match &self.globe {
+            Some(_) => (0..self.nodes_at(q)[1]).map(|n| u64::from(self.columns_of_row(q, n))).sum(),
+            None => self.nodes_at(q).map(u64::from).iter().product(),
+        }
+    }
+
+    /// The nodes of the coarsest level: one of a plane, two rows of a body.
+    pub fn roots(&self) -> impl Iterator<Item = NodeId> + use<> {
+        let plane = self.globe.is_none().then(|| self.root());
+        plane.into_iter().chain(self.globe.into_iter().flat_map(|globe| globe.lattice().roots()))
+    }
+
+    /// The children of a node, those that there are: from the west, the southern row first.
+    pub fn children(&self, node: NodeId) -> impl Iterator<Item = NodeId> + use<> {
+        let mut children = [None; 4];
+        match &self.globe {
+            Some(globe) => {
+                children.iter_mut().zip(globe.lattice().children(node)).for_each(|(to, child)| *to = Some(child));
+            }
+            None => children = [0, 1, 2, 3].map(|index| node.child(index).filter(|child| self.contains(*child))),
+        }
+        children.into_iter().flatten()
+    }
+
+    /// The node of the next coarser level that has this one as a child; `None` for a root.
+    #[must_use]
+    pub fn parent(&self, node: NodeId) -> Option<NodeId> {
+        match &self.globe {
+            Some(globe) => globe.lattice().parent(node),
+            None => (node.q() + 1 < self.fields.levels).then(|| node.parent()),
+        }
+    }
+
+    /// The node of level `q` above a node, or the node itself; `None` when `q` is not a level of it
+    /// or above.
+    #[must_use]
+    pub fn ancestor(&self, node: NodeId, q: u8) -> Option<NodeId> {
+        let above = q.checked_sub(node.q())?;
+        (0..above).try_fold(node, |node, _| self.parent(node))
     }
 
     /// Whether any of the node lies inside the extent (and it is of this tree). Other nodes do not
     /// exist.
     #[must_use]
     pub fn contains(&self, node: NodeId) -> bool {
+        if let Some(globe) = &self.globe {
+            return globe.lattice().contains(node);
+        }
         node.q() < self.fields.levels && {
             let [columns, rows] = self.nodes_at(node.q());
             node.m() < columns && node.n() < rows

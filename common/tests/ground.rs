@@ -41,6 +41,7 @@ impl Rough {
             levels: nodes.ilog2() as u8 + 1,
             finest_elevation_level: 0,
             finest_color_level: 0,
+            body: None,
         };
         let world = World::new(fields).unwrap();
         let world = if has_holes { world.with_validity(true) } else { world };

@@ -27,6 +27,7 @@ fn world() -> World {
         levels: 9,
         finest_elevation_level: 0,
         finest_color_level: 0,
+        body: None,
     })
     .unwrap()
 }

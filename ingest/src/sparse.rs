@@ -139,6 +139,7 @@ fn world_of(options: SparseOptions) -> Result<World, IngestError> {
         levels: top + 1,
         finest_elevation_level: 0,
         finest_color_level: finest_color.min(top),
+        body: None,
     };
     World::new(fields).map_err(|e| IngestError::usage(format!("a sparse world cannot be made: {e}")))
 }

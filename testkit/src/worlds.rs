@@ -25,6 +25,7 @@ pub fn fields(extent: [u32; 2], lattice_unit_m: f64, [elevation_tile, color_tile
         levels: nodes.ilog2() as u8 + 1,
         finest_elevation_level: 0,
         finest_color_level: 0,
+        body: None,
     }
 }
 

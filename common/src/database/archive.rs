@@ -68,12 +68,20 @@ impl From<io::Error> for ArchiveError {
 }
 
 /// Where a node's tile is in an archive: zoom `levels - 1 - q`, column `m`, row from the north of
-/// the root's square. `None` for a node above the root or outside its square.
+/// the root's square. Of a body, zooms begin with the one whose square holds all roots. `None` for a
+/// node above the root or outside its square.
 #[must_use]
 pub fn tile_coord(world: &World, node: NodeId) -> Option<TileCoord> {
-    let zoom = (world.levels() - 1).checked_sub(node.q())?;
+    let zoom = (world.levels() - 1).checked_sub(node.q())? + least_zoom(world);
     let row = (1u32 << zoom).checked_sub(node.n() + 1)?;
     TileCoord::new(zoom, node.m(), row).ok()
+}
+
+/// The zoom of the coarsest level: 0 of a plane.
+#[must_use]
+pub fn least_zoom(world: &World) -> u8 {
+    let [columns, rows] = world.nodes_at(world.levels() - 1);
+    columns.max(rows).next_power_of_two().ilog2() as u8
 }
 
 fn crc32_of(file: &File, range: Range<u64>, hasher: &mut crc32fast::Hasher) -> io::Result<()> {

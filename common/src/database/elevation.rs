@@ -303,6 +303,7 @@ mod tests {
             levels: 1,
             finest_elevation_level: 0,
             finest_color_level: 0,
+            body: None,
         };
         World::new(fields).unwrap().with_validity(true)
     }

@@ -19,8 +19,11 @@ pub const FEATURES_VERSION: u32 = 2;
 pub const FEATURE_VALIDITY: &str = "validity";
 /// The feature of a database whose finest levels exist only where there are data.
 pub const FEATURE_SPARSE_LEVELS: &str = "sparse-levels";
+/// The feature of a database of a whole body, over longitudes and latitudes
+/// ([`crate::world::BodyGrid`]).
+pub const FEATURE_BODY: &str = "body";
 /// The features that this build knows.
-const FEATURES: &[&str] = &[FEATURE_VALIDITY, FEATURE_SPARSE_LEVELS];
+const FEATURES: &[&str] = &[FEATURE_VALIDITY, FEATURE_SPARSE_LEVELS, FEATURE_BODY];
 const FORMAT: &str = "terravision-database";
 /// Upper bound of the size of a manifest, which lists source files.
 pub const MOST_MANIFEST_BYTES: u64 = 16 << 20;
@@ -65,6 +68,12 @@ pub enum ManifestError {
         /// What and where.
         #[source]
         source: serde_json::Error,
+    },
+    /// Its features do not fit its world.
+    #[error("its features and its world disagree: {what}")]
+    Features {
+        /// How.
+        what: &'static str,
     },
     /// Its world is not valid.
     #[error("its world is wrong: {source}")]
@@ -243,7 +252,7 @@ pub struct ManifestFields {
     pub written_by: String,
     /// The database's name: its folder's, without ".tv".
     pub name: String,
-    /// Its coordinate reference system, always in metres.
+    /// Its coordinate reference system: in metres, of a body in degrees.
     pub crs: Crs,
     /// How longitudes and latitudes are converted to it, if its PROJ string alone does not say so.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -379,9 +388,15 @@ impl Manifest {
     /// Checks what a manifest says.
     ///
     /// # Errors
-    /// [`ManifestError::Feature`] and [`ManifestError::World`].
+    /// [`ManifestError::Feature`], [`ManifestError::Features`] and [`ManifestError::World`].
     pub fn new(fields: ManifestFields) -> Result<Self, ManifestError> {
         check_features(&fields.features)?;
+        if fields.has_feature(FEATURE_BODY) != fields.world.body.is_some() {
+            return Err(ManifestError::Features { what: "one of them names a body, the other a plane" });
+        }
+        if fields.world.body.is_some() && fields.is_sparse() {
+            return Err(ManifestError::Features { what: "a body has no sparse levels" });
+        }
         let world = fields.geometry().map_err(|source| ManifestError::World { source })?;
         Ok(Self { fields, world })
     }

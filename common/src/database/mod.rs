@@ -8,8 +8,8 @@
 //!   nodes.tvn           lowest and highest ground under every node  (ranges)
 //! ```
 //!
-//! Archives are PMTiles v3: zoom = levels - 1 - q, x = m, y counts from the north of the root's
-//! square. Content of these files is not trusted: lengths are checked before memory is allocated,
+//! Archives are PMTiles v3: zoom = levels - 1 - q (of a body, whose level of roots has several nodes,
+//! more), x = m, y counts from the north of the root's square. Content of these files is not trusted: lengths are checked before memory is allocated,
 //! each tile has a checksum, and the manifest has the checksums of everything else. The error for a
 //! damaged database says which file or which tile is damaged.
 //!
@@ -17,6 +17,7 @@
 
 mod archive;
 mod archive_layout;
+mod body_ranges;
 mod color;
 mod directory;
 mod elevation;
@@ -27,7 +28,7 @@ mod ranges;
 mod sparse_ranges;
 mod tile;
 
-pub use archive::{Archive, ArchiveError, index_crc32, tile_coord};
+pub use archive::{Archive, ArchiveError, index_crc32, least_zoom, tile_coord};
 pub use archive_layout::{
     ARCHIVE_HEADER_BYTES, ArchiveLayout, Directory, MOST_DIRECTORY_BYTES, MOST_INDEX_BYTES, Place,
 };
@@ -41,9 +42,9 @@ pub use elevation::{
 pub use index::{Index, read_world};
 pub use leaves::{Leaves, MOST_LEAF_BYTES};
 pub use manifest::{
-    ArchiveRecord, Body, ColorLayer, Crs, ElevationLayer, FEATURE_SPARSE_LEVELS, FEATURE_VALIDITY, FEATURES_VERSION,
-    FORMAT_VERSION, MOST_MANIFEST_BYTES, Manifest, ManifestError, ManifestFields, NodesRecord, Source, Voids,
-    VoidsRecord,
+    ArchiveRecord, Body, ColorLayer, Crs, ElevationLayer, FEATURE_BODY, FEATURE_SPARSE_LEVELS, FEATURE_VALIDITY,
+    FEATURES_VERSION, FORMAT_VERSION, MOST_MANIFEST_BYTES, Manifest, ManifestError, ManifestFields, NodesRecord,
+    Source, Voids, VoidsRecord,
 };
 pub use ranges::{Layers, MOST_NODES_BYTES, NodeRange, NodeRanges, RangesError};
 pub use tile::Tile;

@@ -1,6 +1,7 @@
 //! Lowest and highest ground under every node, for bounding boxes.
 
 use super::Layer;
+use super::body_ranges::{self, BODY_MAGIC, BodyLevel};
 use super::manifest::NodesRecord;
 use super::sparse_ranges::{self, NODE_BYTES, SparseLevel};
 use crate::files::open_regular;
@@ -121,10 +122,13 @@ enum Levels {
     All(Vec<Vec<[f32; 2]>>),
     /// Ranges of the nodes that exist.
     Sparse(Vec<SparseLevel>),
+    /// Ranges of the nodes of a body, by row, then column.
+    Body(Vec<BodyLevel>),
 }
 
 impl NodeRanges {
-    /// Ranges by level (0 first), each by row from the south, then column from the west.
+    /// Ranges by level (0 first), each by row from the south, then column from the west; of a body,
+    /// of the nodes that exist.
     ///
     /// # Errors
     /// [`RangesError`] when the lengths do not fit the world, or a range is empty or not finite.
@@ -132,6 +136,10 @@ impl NodeRanges {
         if levels.len() != usize::from(world.levels()) {
             let [expected, found] = [u64::from(world.levels()), levels.len() as u64];
             return Err(RangesError::Length { expected, found });
+        }
+        if world.globe().is_some() {
+            let levels = body_ranges::levels_of(world, levels)?;
+            return Ok(Self { world: *world, levels: Levels::Body(levels) });
         }
         for (level, ranges) in (0..world.levels()).zip(&levels) {
             let [columns, rows] = world.nodes_at(level);
@@ -175,7 +183,7 @@ impl NodeRanges {
                 let level = levels.get(usize::from(node.q()));
                 level.and_then(|level| level.find(node)).is_some_and(|(_, layers)| layers.has(layer))
             }
-            Levels::All(_) => match layer {
+            Levels::All(_) | Levels::Body(_) => match layer {
                 Layer::Elevation => self.world.has_elevation(node),
                 Layer::Color => self.world.has_color(node),
             },
@@ -190,6 +198,7 @@ impl NodeRanges {
             // The south western child exists whenever the node does.
             Levels::Sparse(_) => node.child(0).is_some_and(|child| self.has_tile(layer, child)),
             Levels::All(_) => true,
+            Levels::Body(_) => self.world.children(node).next().is_some(),
         }
     }
 
@@ -199,6 +208,13 @@ impl NodeRanges {
             Levels::All(_) => {
                 let [columns, rows] = self.world.nodes_at(q);
                 Box::new((0..rows).flat_map(move |n| (0..columns).filter_map(move |m| NodeId::new(m, n, q))))
+            }
+            Levels::Body(_) => {
+                let world = self.world;
+                let rows = 0..world.nodes_at(q)[1];
+                Box::new(
+                    rows.flat_map(move |n| (0..world.columns_of_row(q, n)).filter_map(move |m| NodeId::new(m, n, q))),
+                )
             }
             Levels::Sparse(levels) => {
                 Box::new(levels.get(usize::from(q)).into_iter().flat_map(move |level| level.nodes(q)).map(|at| at.node))
@@ -218,6 +234,7 @@ impl NodeRanges {
                 levels[usize::from(node.q())].get(node.n() as usize * columns + node.m() as usize).copied()
             }
             Levels::Sparse(levels) => levels[usize::from(node.q())].find(node).map(|(range, _)| range),
+            Levels::Body(levels) => levels[usize::from(node.q())].range(node),
         }
     }
 
@@ -225,7 +242,7 @@ impl NodeRanges {
     /// sparse levels, at most what all nodes would need.
     #[must_use]
     pub fn file_bytes(world: &World, is_sparse: bool) -> RangeInclusive<u64> {
-        let nodes: u64 = (0..world.levels()).map(|q| world.nodes_at(q).map(u64::from).iter().product::<u64>()).sum();
+        let nodes: u64 = (0..world.levels()).map(|q| world.node_count(q)).sum();
         let magic = MAGIC.len() as u64;
         if is_sparse {
             let counts = magic + 8 * u64::from(world.levels());
@@ -265,12 +282,11 @@ impl NodeRanges {
         match &self.levels {
             Levels::All(levels) => {
                 put(MAGIC)?;
-                let mut buffer = Vec::new();
-                for part in levels.iter().flat_map(|level| level.chunks(4096)) {
-                    buffer.clear();
-                    buffer.extend(part.iter().flatten().flat_map(|v| v.to_le_bytes()));
-                    put(&buffer)?;
-                }
+                put_ranges(levels.iter().map(Vec::as_slice), &mut put)?;
+            }
+            Levels::Body(levels) => {
+                put(BODY_MAGIC)?;
+                put_ranges(levels.iter().map(BodyLevel::all), &mut put)?;
             }
             Levels::Sparse(levels) => {
                 put(SPARSE_MAGIC)?;
@@ -279,7 +295,7 @@ impl NodeRanges {
         }
         file.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()?;
         let bytes = match &self.levels {
-            Levels::All(_) => *Self::file_bytes(&self.world, false).end(),
+            Levels::All(_) | Levels::Body(_) => *Self::file_bytes(&self.world, false).end(),
             Levels::Sparse(levels) => SPARSE_MAGIC.len() as u64 + sparse_ranges::encoded_bytes(levels),
         };
         Ok(NodesRecord { bytes, crc32: hasher.finalize() })
@@ -301,7 +317,12 @@ impl NodeRanges {
         let mut hasher = crc32fast::Hasher::new();
         let mut magic = [0; MAGIC.len()];
         file.read_exact(&mut magic)?;
-        if &magic != if is_sparse { SPARSE_MAGIC } else { MAGIC } {
+        let expected_magic = match world.globe() {
+            Some(_) => BODY_MAGIC,
+            None if is_sparse => SPARSE_MAGIC,
+            None => MAGIC,
+        };
+        if &magic != expected_magic {
             return Err(RangesError::NotRanges);
         }
         hasher.update(&magic);
@@ -310,7 +331,7 @@ impl NodeRanges {
         }
         let mut levels = Vec::with_capacity(usize::from(world.levels()));
         for q in 0..world.levels() {
-            let count = world.nodes_at(q).map(|c| c as usize).iter().product::<usize>();
+            let count = world.node_count(q) as usize;
             let mut ranges = vec![[0f32; 2]; count];
             for part in ranges.chunks_mut(1 << 16) {
                 let bytes: &mut [u8] = bytemuck::cast_slice_mut(part);
@@ -357,4 +378,18 @@ impl NodeRanges {
         }
         Ok(Self { world: *world, levels: Levels::Sparse(levels) })
     }
+}
+
+/// Ranges as bytes.
+fn put_ranges<'a>(
+    levels: impl Iterator<Item = &'a [[f32; 2]]>,
+    put: &mut impl FnMut(&[u8]) -> io::Result<()>,
+) -> io::Result<()> {
+    let mut buffer = Vec::new();
+    for part in levels.flat_map(|level| level.chunks(4096)) {
+        buffer.clear();
+        buffer.extend(part.iter().flatten().flat_map(|v| v.to_le_bytes()));
+        put(&buffer)?;
+    }
+    Ok(())
 }

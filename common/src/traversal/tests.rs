@@ -46,6 +46,7 @@ fn world(extent: [u32; 2], levels: u8) -> World {
         levels,
         finest_elevation_level: 1,
         finest_color_level: 0,
+        body: None,
     })
     .expect("valid")
 }

@@ -32,6 +32,7 @@ pub fn fields() -> WorldFields {
         levels: 3,
         finest_elevation_level: 0,
         finest_color_level: 1,
+        body: None,
     }
 }
 

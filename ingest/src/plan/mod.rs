@@ -166,6 +166,7 @@ fn world_fields(
         levels,
         finest_elevation_level: finest_elevation,
         finest_color_level: (above.max(0).cast_unsigned() as u8).min(levels - 1),
+        body: None,
     };
     if !(fields.lattice_unit_m > 1e-6 && fields.lattice_unit_m < 1e6) {
         return Err(IngestError::usage(format!(

@@ -223,6 +223,7 @@ fn default_layout(memory_bytes: u64, is_swept: bool) -> Option<Layout> {
         levels: 8,
         finest_elevation_level: 0,
         finest_color_level: 0,
+        body: None,
     });
     // The larger of the two.
     let layout = Layout::for_run(&world.ok()?, memory_bytes, TexelFormat::Rgba8).ok()?;

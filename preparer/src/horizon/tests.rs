@@ -15,6 +15,7 @@ fn horizon() -> Horizon {
         levels: 9,
         finest_elevation_level: 0,
         finest_color_level: 0,
+        body: None,
     });
     let mut horizon = Horizon::new(&world.expect("valid"));
     let camera = Camera::new(CameraFields {

@@ -202,6 +202,7 @@ fn the_layout_of_a_run_keeps_to_its_memory() {
         levels: 8,
         finest_elevation_level: 0,
         finest_color_level: 2,
+        body: None,
     };
     let world = World::new(fields).unwrap();
     let gibibyte = 1 << 30;
