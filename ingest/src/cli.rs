@@ -1,5 +1,6 @@
 //! The command line of `terravision-ingest`, as typed and as checked.
 
+use crate::body::BodyChoice;
 use crate::error::IngestError;
 use crate::job::{ColorQuality, Job};
 use crate::plan::PlanOptions;
@@ -157,6 +158,17 @@ pub struct IngestArgs {
     /// Distance of elevation posts, metres. Default: that of the finest elevation file
     #[arg(long, value_name = "METRES", value_parser = parse_positive)]
     spacing: Option<f64>,
+    /// Make a whole body of rasters over longitude and latitude, whose samples stay where they are:
+    /// earth, mars, moon, mercury, venus, titan, or semi-major axis (metres) and flattening. Without it
+    /// the CRS of the elevation names the body, when it goes all around and from pole to pole
+    #[arg(long, value_name = "BODY|A,F", value_parser = BodyChoice::parse, conflicts_with_all = ["geographic", "plane"])]
+    body: Option<BodyChoice>,
+    /// Make a whole body, of the ellipsoid that the CRS of the elevation names
+    #[arg(long, conflicts_with = "plane")]
+    geographic: bool,
+    /// Make a plane, also of elevation that covers a whole body
+    #[arg(long)]
+    plane: bool,
     /// Threads. Default: all cores. The result is the same for any number
     #[arg(long, value_name = "N", value_parser = parse_threads)]
     threads: Option<usize>,
@@ -212,6 +224,12 @@ impl IngestArgs {
             },
             voids: self.voids,
             raises_crests: self.crests,
+            body: match (self.body, self.geographic, self.plane) {
+                (Some(body), ..) => body,
+                (None, true, _) => BodyChoice::Geographic,
+                (None, false, true) => BodyChoice::Plane,
+                (None, false, false) => BodyChoice::Auto,
+            },
             ..job
         })
     }

@@ -13,6 +13,7 @@
 //!   raises those of coarser levels. [`tint`]: colour from elevation.
 //! * [`store`]: levels in temporary files, so that memory is bounded. [`work`]: threads, with and
 //!   without order.
+//! * [`body`]: databases of whole bodies, over longitude and latitude.
 //! * `nested`: the same for sources of different spacings, whose finest levels exist only where
 //!   there are data.
 //! * [`archive`], [`ranges`], [`lonlat`]: the parts of the resulting database. [`synth`]: a
@@ -24,6 +25,7 @@
 #![forbid(unsafe_code)]
 
 pub mod archive;
+pub mod body;
 mod bulk;
 pub mod cli;
 mod crests;

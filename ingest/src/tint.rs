@@ -104,9 +104,13 @@ impl<'a> Tint<'a> {
 
     /// How bright a post is: light from the north west, 45 degrees high; flat ground is 1.
     fn shade(&self, spacing_m: f64, heights: &[f32], width: usize, at: usize) -> f32 {
-        let scale = self.colors.relief / (2.0 * spacing_m as f32);
-        let dx = (heights[at + 1] - heights[at - 1]) * scale;
-        let dy = (heights[at + width] - heights[at - width]) * scale;
+        let run = 2.0 * spacing_m as f32;
+        self.shade_of([(heights[at + 1] - heights[at - 1]) / run, (heights[at + width] - heights[at - width]) / run])
+    }
+
+    /// How bright a slope is, rise over run to the east and to the north.
+    pub(crate) fn shade_of(&self, slope: [f32; 2]) -> f32 {
+        let [dx, dy] = slope.map(|slope| slope * self.colors.relief);
         // Unit vector to the light: (-1/2, 1/2, 1/sqrt 2); normal: (-dx, -dy, 1).
         let cosine = (0.5 * dx - 0.5 * dy + std::f32::consts::FRAC_1_SQRT_2) / (1.0 + dx * dx + dy * dy).sqrt();
         (0.42 + 0.58 * cosine * std::f32::consts::SQRT_2).clamp(0.3, 1.3)

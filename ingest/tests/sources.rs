@@ -9,6 +9,7 @@ use gdal::spatial_ref::SpatialRef;
 use std::path::Path;
 use support::{TestFolder, Tiff, colors, heights, is_near, job, run};
 use terravision_common::database::Database;
+use terravision_ingest::body::BodyChoice;
 use terravision_ingest::job::Job;
 use terravision_ingest::source::Note;
 use terravision_ingest::source::values::NodataChoice;
@@ -62,7 +63,8 @@ fn a_globe_from_0_to_360_degrees_has_the_posts_of_one_from_180_west() {
         let transform = Some([west, step, 0.0, north, 0.0, -step]);
         let tiff = Tiff { transform, crs: Some("EPSG:4326"), ..Tiff::utm([width, height], ground) };
         let path = tiff.write(&folder.path(name));
-        run(&job(&[path], &[], folder.path(&format!("{name}.tv")))).unwrap().0
+        let job = job(&[path], &[], folder.path(&format!("{name}.tv")));
+        run(&Job { body: BodyChoice::Plane, ..job }).unwrap().0
     };
     let west = globe(-180.0, -90.0, 1.0, "west.tif");
     let east = globe(0.0, -90.0, 1.0, "east.tif");

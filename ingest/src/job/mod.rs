@@ -1,5 +1,6 @@
 //! A complete ingest, from files to a database.
 
+mod body;
 mod elevation;
 mod output;
 mod record;
@@ -8,6 +9,7 @@ mod summary;
 pub use summary::summary;
 
 use crate::archive;
+use crate::body::BodyChoice;
 use crate::crests::Crests;
 use crate::error::IngestError;
 use crate::nested::{Nodes, Sources};
@@ -15,7 +17,6 @@ use crate::plan::{Plan, PlanOptions};
 use crate::pyramid;
 use crate::pyramid::validity::Shares;
 use crate::sample;
-use crate::source::inputs::describe_all;
 use crate::source::values::{ColorValues, ElevationValues, NodataChoice};
 use crate::source::{Access, Note, Raster, Region, TargetCrs, area, region};
 use crate::store::{Level, Rgb};
@@ -29,7 +30,6 @@ use std::sync::atomic::AtomicBool;
 use terravision_common::database::{
     ArchiveRecord, COLOR_FILE, ELEVATION_FILE, Manifest, NODES_FILE, NodesRecord, Voids, VoidsRecord,
 };
-use terravision_common::lonlat::LonLatTable;
 use terravision_common::tint::HeightColors;
 use terravision_common::world::World;
 
@@ -70,6 +70,8 @@ pub struct Job {
     pub voids: Voids,
     /// Whether the crests of coarser levels are raised.
     pub raises_crests: bool,
+    /// Whether the data become a whole body.
+    pub body: BodyChoice,
 }
 
 /// How true colours are kept (`--quality`).
@@ -123,13 +125,17 @@ impl Job {
             plan: PlanOptions::default(),
             voids: Voids::default(),
             raises_crests: true,
+            body: BodyChoice::Auto,
         }
     }
 
     /// Elevation and colour sources and the CRS of the world that they make.
-    fn sources(&self, note: &mut dyn FnMut(Note)) -> Result<(Vec<Raster>, Vec<Raster>, TargetCrs), IngestError> {
-        let mut describe = |paths: &[PathBuf]| describe_all(paths, self.source_crs.as_deref(), self.access, note);
-        let (elevation, color) = (describe(&self.elevation)?, describe(&self.color)?);
+    fn sources(
+        &self,
+        elevation: Vec<Raster>,
+        note: &mut dyn FnMut(Note),
+    ) -> Result<(Vec<Raster>, Vec<Raster>, TargetCrs), IngestError> {
+        let color = self.describe(&self.color, None, note)?;
         area::check(&elevation.iter().chain(&color).collect::<Vec<_>>(), note)?;
         let (elevation, color, target) = match &self.region {
             None => {
@@ -177,7 +183,11 @@ impl Job {
         let affordable = (self.memory_bytes / 2 / THREAD_BYTES).max(1) as usize;
         let work = Work::new(self.threads.min(affordable), stop, shows_progress, self.output.clone());
         // First everything that needs no output: most mistakes are found here.
-        let (elevation, color, target) = self.sources(note)?;
+        let elevation = self.describe(&self.elevation, self.body.assumed_crs().as_deref(), note)?;
+        if let Some(kind) = self.chosen_body(&elevation, note)? {
+            return self.run_body(kind, elevation, &work, note);
+        }
+        let (elevation, color, target) = self.sources(elevation, note)?;
         let plan = Plan::new(&target, &elevation, &color, self.plan, note)?;
         self.check_memory(&plan)?;
         let output = Output::begin(&self.output, self.may_overwrite)?;
@@ -196,10 +206,13 @@ impl Job {
 
     fn check_memory(&self, plan: &Plan) -> Result<(), IngestError> {
         let world = &plan.world;
-        let nodes: u64 = match plan.is_nested {
+        self.check_node_memory(match plan.is_nested {
             true => plan.nested_nodes(),
-            false => (0..world.levels()).map(|q| world.nodes_at(q).map(u64::from).iter().product::<u64>()).sum(),
-        };
+            false => (0..world.levels()).map(|q| world.node_count(q)).sum(),
+        })
+    }
+
+    fn check_node_memory(&self, nodes: u64) -> Result<(), IngestError> {
         // A quarter of the memory is GDAL's cache, at least another what the threads work in.
         let needed = LEAST_MEMORY_BYTES.max(2 * nodes * NODE_BYTES);
         if needed > self.memory_bytes {
@@ -278,7 +291,7 @@ impl Job {
             archives: [elevation_record, color_record],
             tint: Some(tint),
             nodes,
-            lonlat: lonlat_table(plan, target, note),
+            lonlat: record::lonlat_table(plan, target, note),
             complete_level: None,
         }))
     }
@@ -343,7 +356,7 @@ impl Job {
             archives: [elevation_record, color_record],
             tint: Some(nested.tint),
             nodes,
-            lonlat: lonlat_table(plan, target, note),
+            lonlat: record::lonlat_table(plan, target, note),
             complete_level: (!is_whole).then(|| ranges.world().complete_level()),
         }))
     }
@@ -472,24 +485,4 @@ pub(crate) fn record_of(
         lonlat: crate::lonlat::table(target, &plan.world),
         complete_level: None,
     })
-}
-
-/// The table for converting longitudes and latitudes to the world; reports if there is one.
-fn lonlat_table(plan: &Plan, target: &TargetCrs, note: &mut dyn FnMut(Note)) -> Option<LonLatTable> {
-    let table = crate::lonlat::table(target, &plan.world)?;
-    let name = &target.crs().name;
-    let without = match table.shift_m {
-        shift if shift >= 10.0 => {
-            format!("without it, paths in KML, GPX or other coordinates would be off by {shift:.0} m")
-        }
-        shift if shift > 0.0 => {
-            format!("without it, paths in KML, GPX or other coordinates would be off by {shift:.1} m")
-        }
-        _ => "its projection is known to PROJ alone".to_owned(),
-    };
-    note(Note::Info(format!(
-        "PROJ's way from longitude and latitude to {name} is kept in the database, good to {:.2} m ({without})",
-        table.error_m.max(0.01)
-    )));
-    Some(table)
 }

@@ -4,7 +4,7 @@ use crate::archive::ArchiveInfo;
 use crate::plan::Plan;
 use crate::source::raster::traditional;
 use crate::source::values::{ColorValues, ElevationValues};
-use crate::source::{Raster, TargetCrs};
+use crate::source::{Note, Raster, TargetCrs};
 use gdal::spatial_ref::{CoordTransform, SpatialRef};
 use serde_json::json;
 use terravision_common::database::{
@@ -176,4 +176,24 @@ pub(super) fn archive_info(
     let elevation = format!("{elevation}{}", if has_validity { validity } else { "" });
     let color = "JPEG with a border of 4 texels on each side, then \"TVc1\" and the crc32 of all before it";
     (info("elevation", elevation_encoding(has_validity), &elevation), info("colour", "jpg", color))
+}
+
+/// The table for converting longitudes and latitudes to the world; reports if there is one.
+pub(super) fn lonlat_table(plan: &Plan, target: &TargetCrs, note: &mut dyn FnMut(Note)) -> Option<LonLatTable> {
+    let table = crate::lonlat::table(target, &plan.world)?;
+    let name = &target.crs().name;
+    let without = match table.shift_m {
+        shift if shift >= 10.0 => {
+            format!("without it, paths in KML, GPX or other coordinates would be off by {shift:.0} m")
+        }
+        shift if shift > 0.0 => {
+            format!("without it, paths in KML, GPX or other coordinates would be off by {shift:.1} m")
+        }
+        _ => "its projection is known to PROJ alone".to_owned(),
+    };
+    note(Note::Info(format!(
+        "PROJ's way from longitude and latitude to {name} is kept in the database, good to {:.2} m ({without})",
+        table.error_m.max(0.01)
+    )));
+    Some(table)
 }

@@ -24,7 +24,7 @@ pub(crate) const REACH: usize = 7;
 const TAPS: [f32; REACH + 1] = [2904.0, 1201.0, -498.0, -206.0, 85.0, 35.0, -15.0, -6.0];
 
 /// The filter over posts `at(-7)` to `at(7)`.
-fn filtered(at: impl Fn(isize) -> f32) -> f32 {
+pub(crate) fn filtered(at: impl Fn(isize) -> f32) -> f32 {
     let pairs = TAPS.iter().zip(0isize..).skip(1).map(|(weight, d)| weight * (at(-d) + at(d)));
     (TAPS[0] * at(0) + pairs.sum::<f32>()) / 4096.0
 }

@@ -2,6 +2,7 @@
 //! all other names of GDAL.
 
 use super::access::{Access, leads_elsewhere, names_a_list};
+use super::raster::Assumed;
 use super::{Note, Raster};
 use crate::error::{IngestError, gdal_message};
 use gdal::{Dataset, Metadata};
@@ -53,19 +54,26 @@ pub(super) struct Found {
 /// [`IngestError::Source`] for the first that cannot be used.
 pub fn describe_all(
     paths: &[PathBuf],
-    source_crs: Option<&str>,
+    assumed: Assumed<'_>,
     access: Access,
     note: &mut dyn FnMut(Note),
 ) -> Result<Vec<Raster>, IngestError> {
     let mut all = Vec::new();
     for path in paths {
-        all.extend(Inputs { source_crs, access }.of(path, note)?);
+        all.extend(Inputs { assumed, access }.of(path, note)?);
+    }
+    if let Some(raster) = all.iter().find(|raster| raster.is_assumed_whole()) {
+        note(Note::Info(format!(
+            "{} says nothing of its place, and is twice as wide as high: it is taken to cover longitudes -180 to 180 and \
+             latitudes -90 to 90",
+            raster.path().display()
+        )));
     }
     Ok(all)
 }
 
 struct Inputs<'a> {
-    source_crs: Option<&'a str>,
+    assumed: Assumed<'a>,
     access: Access,
 }
 
@@ -121,7 +129,7 @@ impl Inputs<'_> {
     /// A raster, or the only raster of a file of several data sets.
     fn single(&self, found: Found, note: &mut dyn FnMut(Note)) -> Result<Raster, IngestError> {
         if found.dataset.raster_count() > 0 {
-            return Raster::of(&found, self.source_crs);
+            return Raster::of(&found, self.assumed);
         }
         let names = subdatasets(&found.dataset);
         match names.as_slice() {
@@ -130,7 +138,7 @@ impl Inputs<'_> {
                 let only = self.open(one, Path::new(one));
                 let only = only.map_err(|failed| IngestError::source(one, failed.reason()))?;
                 note(Note::Info(format!("{}: its only data set, {one}, is taken", found.shown.display())));
-                Raster::of(&only, self.source_crs)
+                Raster::of(&only, self.assumed)
             }
             _ => Err(IngestError::source(
                 found.shown,
@@ -182,7 +190,7 @@ impl Inputs<'_> {
         let (mut rasters, mut first_error, mut left_out) = (Vec::new(), None, 0);
         for (name, shown) in members.iter().filter(|(name, _)| !is_beside(name)) {
             let raster = match self.open(name, shown) {
-                Ok(found) if found.dataset.raster_count() > 0 => Raster::of(&found, self.source_crs),
+                Ok(found) if found.dataset.raster_count() > 0 => Raster::of(&found, self.assumed),
                 Ok(_) => Err(IngestError::source(shown, "holds several data sets or none")),
                 Err(failed) => Err(IngestError::source(shown, failed.reason())),
             };

@@ -27,8 +27,19 @@ pub struct Raster {
     crs_name: String,
     epsg: Option<u32>,
     is_geographic: bool,
+    is_assumed_whole: bool,
     bands: Vec<BandInfo>,
     data_type: String,
+}
+
+/// What is assumed of files that do not say where they are.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Assumed<'a> {
+    /// The CRS of those that have none.
+    pub source_crs: Option<&'a str>,
+    /// Longitudes and latitudes of a body, all of which a file without any position covers that is
+    /// twice as wide as high.
+    pub whole_body: Option<&'a str>,
 }
 
 /// Description of a band. Plain data: any of it may be true of a file.
@@ -51,8 +62,8 @@ pub struct BandInfo {
 }
 
 impl Raster {
-    /// Describes an opened dataset. `source_crs` is for files without a CRS.
-    pub(super) fn of(found: &Found, source_crs: Option<&str>) -> Result<Self, IngestError> {
+    /// Describes an opened dataset.
+    pub(super) fn of(found: &Found, assumed: Assumed<'_>) -> Result<Self, IngestError> {
         let (dataset, path) = (&found.dataset, found.shown.as_path());
         let fail = |reason: String| IngestError::source(path, reason);
         let (columns, rows) = dataset.raster_size();
@@ -69,7 +80,10 @@ impl Raster {
             (None, Some(reason)) => return Err(fail(reason)),
             (None, None) => None,
         };
-        let srs = match (own, source_crs) {
+        let whole = assumed.whole_body.filter(|_| affine.is_none() && own.is_none() && columns == 2 * rows);
+        let step = 360.0 / columns as f64;
+        let affine = affine.or_else(|| whole.map(|_| Affine([-180.0, step, 0.0, 90.0, 0.0, -step])));
+        let srs = match (own, assumed.source_crs.or(whole)) {
             (Some(srs), _) => srs,
             (None, Some(text)) => crs::parse("--source-crs", text)?,
             (None, None) if affine.is_none() => {
@@ -109,6 +123,7 @@ impl Raster {
             crs_name: srs.name().unwrap_or_else(|| "unnamed".to_owned()),
             epsg: crs::epsg_of(&srs),
             is_geographic: srs.is_geographic(),
+            is_assumed_whole: whole.is_some(),
             data_type: bands[0].data_type.name(),
             bands,
         })
@@ -201,6 +216,12 @@ impl Raster {
         self.is_geographic
     }
 
+    /// Whether it was taken to cover a whole body, because it says nothing of its place.
+    #[must_use]
+    pub fn is_assumed_whole(&self) -> bool {
+        self.is_assumed_whole
+    }
+
     /// Descriptions of its bands, of which it has at least one.
     #[must_use]
     pub fn bands(&self) -> &[BandInfo] {
@@ -264,6 +285,7 @@ impl Raster {
             crs_name: String::new(),
             epsg: None,
             is_geographic,
+            is_assumed_whole: false,
             bands: Vec::new(),
             data_type: String::new(),
         }
