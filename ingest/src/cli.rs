@@ -7,6 +7,7 @@ use crate::plan::PlanOptions;
 use crate::source::values::{NodataChoice, meters_in};
 use crate::source::{Access, Region};
 use crate::synth::SynthOptions;
+use crate::synth::body::{BodyModel, SynthBodyOptions};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{ArgAction, Args, Parser, Subcommand};
 use std::path::PathBuf;
@@ -45,9 +46,10 @@ pub enum Verb {
     ///
     /// Ridges, valleys, lakes, forest and snow lines, fields and roads. The same size, spacing and
     /// seed give the same files on every machine; any size that fits on disk is made in tiles, in
-    /// little memory.
+    /// little memory. With --body, a whole body over longitude and latitude.
     #[command(
-        after_help = "Example:\n  terravision synth -o w && terravision ingest --elevation w/dem.tif --color w/ortho.tif -o w.tv"
+        after_help = "Examples:\n  terravision synth -o w && terravision ingest --elevation w/dem.tif --color w/ortho.tif -o w.tv\n  \
+        terravision synth --body moon:2880 -o m && terravision ingest --elevation m/dem.tif --color m/ortho.tif -o moon.tv"
     )]
     Synth(SynthArgs),
     /// Make a world for tests: a detailed square in a plain of any size, or (--bulk) gigabytes.
@@ -247,6 +249,9 @@ pub struct SynthArgs {
     /// Distance of DEM posts, metres
     #[arg(long, default_value_t = 10.0, value_name = "METRES", value_parser = parse_positive)]
     spacing: f64,
+    /// Make a whole body: earth, mars or moon, with this many samples around (default: 1440)
+    #[arg(long, value_name = "BODY[:COLUMNS]", value_parser = parse_body, conflicts_with_all = ["size", "spacing"])]
+    body: Option<SynthBody>,
     /// Another number, another world
     #[arg(long, default_value_t = 1, value_name = "N")]
     seed: u64,
@@ -258,12 +263,36 @@ pub struct SynthArgs {
     overwrite: bool,
 }
 
+/// What `synth` makes.
+#[derive(Debug, Clone)]
+pub enum SynthJob {
+    /// A mountain world on a plane.
+    Plane(SynthOptions),
+    /// A whole body.
+    Body(SynthBodyOptions),
+}
+
+/// A body and its number of columns.
+#[derive(Debug, Clone, Copy)]
+struct SynthBody(BodyModel, u32);
+
 impl SynthArgs {
     /// Checks what belongs together.
     ///
     /// # Errors
     /// [`IngestError::Usage`].
-    pub fn validate(self) -> Result<SynthOptions, IngestError> {
+    pub fn validate(self) -> Result<SynthJob, IngestError> {
+        let threads = self.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
+        if let Some(SynthBody(model, columns)) = self.body {
+            return Ok(SynthJob::Body(SynthBodyOptions {
+                output: self.output,
+                model,
+                columns,
+                seed: self.seed,
+                threads,
+                may_overwrite: self.overwrite,
+            }));
+        }
         let span = f64::from(self.size) * self.spacing;
         if !(self.spacing >= 0.1 && span <= 4.0e7) {
             return Err(IngestError::usage(format!(
@@ -272,15 +301,14 @@ impl SynthArgs {
                 self.spacing
             )));
         }
-        let threads = self.threads.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
-        Ok(SynthOptions {
+        Ok(SynthJob::Plane(SynthOptions {
             output: self.output,
             size: self.size,
             spacing_m: self.spacing,
             seed: self.seed,
             threads,
             may_overwrite: self.overwrite,
-        })
+        }))
     }
 }
 
@@ -307,6 +335,18 @@ pub fn parse_size(text: &str) -> Result<u64, String> {
     match number.parse::<f64>() {
         Ok(number) if number * factor < 1e18 => Ok((number * factor) as u64),
         _ => Err(format!("{text} is not a size: expected a number with a unit such as 512MiB or 2GiB")),
+    }
+}
+
+fn parse_body(text: &str) -> Result<SynthBody, String> {
+    let (name, columns) = text.split_once(':').unwrap_or((text, "1440"));
+    let columns = columns.trim().parse::<u32>().ok().filter(|n| (256..=1 << 20).contains(n) && n.is_multiple_of(2));
+    match (BodyModel::named(name.trim()), columns) {
+        (Some(model), Some(columns)) => Ok(SynthBody(model, columns)),
+        (None, _) => Err(format!("{name} is not a body that can be made: expected earth, mars or moon")),
+        (_, None) => {
+            Err(format!("{text} does not give an even number of columns from 256 to 1048576, such as moon:2880"))
+        }
     }
 }
 

@@ -12,11 +12,12 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use terravision_common::bug::report_panics;
 use terravision_common::terminal::{complain, printable, printable_json, usage_sentence};
-use terravision_ingest::cli::{Cli, Verb};
+use terravision_ingest::cli::{Cli, SynthJob, Verb};
 use terravision_ingest::error::IngestError;
 use terravision_ingest::job::{Job, summary};
 use terravision_ingest::source::Note;
 use terravision_ingest::sparse::{self, SparseOptions};
+use terravision_ingest::synth;
 use terravision_ingest::work::Work;
 
 fn main() -> ExitCode {
@@ -51,9 +52,13 @@ fn main() -> ExitCode {
             let wants_json = args.json;
             args.validate().and_then(|job| ingest(&job, wants_json, stop))
         }
-        Verb::Synth(args) => args.validate().and_then(|options| {
-            terravision_ingest::synth::write(&options, stop, io::stderr().is_terminal())?;
-            Ok(printable(&format!("{}: dem.tif and ortho.tif", options.output.display())).into_owned())
+        Verb::Synth(args) => args.validate().and_then(|made| {
+            let shows_progress = io::stderr().is_terminal();
+            let output = match made {
+                SynthJob::Plane(options) => synth::write(&options, stop, shows_progress).map(|()| options.output),
+                SynthJob::Body(options) => synth::body::write(&options, stop, shows_progress).map(|()| options.output),
+            }?;
+            Ok(printable(&format!("{}: dem.tif and ortho.tif", output.display())).into_owned())
         }),
         Verb::Sparse(args) => {
             let options = SparseOptions {

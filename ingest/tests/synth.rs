@@ -9,7 +9,8 @@ use std::fs;
 use std::process::Command;
 use std::sync::Arc;
 use support::{TestFolder, heights, job, run};
-use terravision_ingest::synth::{SynthOptions, write};
+use terravision_ingest::synth::body::{BodyModel, SynthBodyOptions};
+use terravision_ingest::synth::{SynthOptions, body, write};
 
 fn options(folder: &TestFolder, name: &str, size: u32, threads: usize) -> SynthOptions {
     SynthOptions { output: folder.path(name), size, spacing_m: 10.0, seed: 1, threads, may_overwrite: false }
@@ -85,4 +86,31 @@ fn an_interrupted_synth_leaves_no_file() {
     let error = write(&options(&folder, "w", 300, 1), stop, false).unwrap_err();
     assert_eq!(error.exit_code(), 130);
     assert_eq!(fs::read_dir(folder.path("w")).unwrap().count(), 0);
+}
+
+#[test]
+fn a_body_is_made_the_same_with_any_number_of_threads_and_becomes_a_world() {
+    let folder = TestFolder::new();
+    let make = |name: &str, threads: usize| {
+        let options = SynthBodyOptions {
+            output: folder.path(name),
+            model: BodyModel::Moon,
+            columns: 256,
+            seed: 1,
+            threads,
+            may_overwrite: false,
+        };
+        body::write(&options, Arc::default(), false).unwrap();
+        ["dem.tif", "ortho.tif"].map(|file| folder.path(name).join(file))
+    };
+    let (one, two) = (make("one", 1), make("two", 2));
+    for (a, b) in one.iter().zip(&two) {
+        assert!(std::fs::read(a).unwrap() == std::fs::read(b).unwrap(), "{}", a.display());
+    }
+    let [dem, ortho] = one;
+    let (database, _) = run(&job(&[dem], &[ortho], folder.path("moon.tv"))).unwrap();
+    assert_eq!(database.world().extent(), [256, 129]);
+    assert_eq!(database.manifest().fields().body.name, "Moon");
+    let [low, high] = database.manifest().fields().elevation.range_m;
+    assert!(low < -1000.0 && high > 1000.0, "{low} to {high}");
 }

@@ -4,6 +4,7 @@
 //! covers a block of the DEM, whose heights it needs. The photo's edges are on the DEM's outer
 //! posts; the DEM, whose pixels have an area, extends half a pixel beyond.
 
+pub mod body;
 pub mod noise;
 pub mod ortho;
 pub mod terrain;
@@ -136,25 +137,16 @@ pub fn write(options: &SynthOptions, stop: Arc<AtomicBool>, shows_progress: bool
         let path = path.to_owned();
         move |source| IngestError::Output { source, path }
     };
-    if let Some(there) = FILES.iter().map(|name| folder.join(name)).find(|path| path.exists() && !options.may_overwrite)
-    {
-        return Err(IngestError::usage(format!(
-            "{} is there already: --overwrite replaces it, or choose another folder",
-            there.display()
-        )));
-    }
-    if folder.exists() && !folder.is_dir() {
-        return Err(IngestError::usage(format!("{} is a file, expected a folder to write to", folder.display())));
-    }
-    fs::create_dir_all(folder).map_err(|source| IngestError::Place { source, path: folder.clone() })?;
+    check_free(folder, options.may_overwrite)?;
     let work = Work::new(options.threads, stop, shows_progress, folder.clone());
     let parts = Parts { paths: FILES.map(|name| folder.join(format!("{name}.part"))) };
     let size = options.size as usize;
     let span = f64::from(options.size) * options.spacing_m;
     let [west, north] = [MIDDLE[0] - 0.5 * span, MIDDLE[1] + 0.5 * span];
     let (s, half) = (options.spacing_m, 0.5 * options.spacing_m);
-    let mut dem = create::<f32>(&parts.paths[0], [size + 1; 2], 1, [west - half, s, 0.0, north + half, 0.0, -s])?;
-    let mut photo = create::<u8>(&parts.paths[1], [2 * size; 2], 3, [west, half, 0.0, north, 0.0, -half])?;
+    let srs = SpatialRef::from_epsg(EPSG).map_err(|e| gdal_error(folder, &e))?;
+    let mut dem = create::<f32>(&parts.paths[0], [size + 1; 2], 1, [west - half, s, 0.0, north + half, 0.0, -s], &srs)?;
+    let mut photo = create::<u8>(&parts.paths[1], [2 * size; 2], 3, [west, half, 0.0, north, 0.0, -half], &srs)?;
     let terrain = Terrain::new(options.seed);
     let maker = Maker { terrain, painter: Painter::new(terrain, half), size, spacing_m: s };
     let columns = (size + 1).div_ceil(BLOCK);
@@ -183,6 +175,20 @@ pub fn write(options: &SynthOptions, stop: Arc<AtomicBool>, shows_progress: bool
         fs::rename(path, folder.join(name)).map_err(fail(path))?;
     }
     Ok(())
+}
+
+/// Makes the folder for both files, unless they are there and may not be replaced.
+fn check_free(folder: &Path, may_overwrite: bool) -> Result<(), IngestError> {
+    if let Some(there) = FILES.iter().map(|name| folder.join(name)).find(|path| path.exists() && !may_overwrite) {
+        return Err(IngestError::usage(format!(
+            "{} is there already: --overwrite replaces it, or choose another folder",
+            there.display()
+        )));
+    }
+    if folder.exists() && !folder.is_dir() {
+        return Err(IngestError::usage(format!("{} is a file, expected a folder to write to", folder.display())));
+    }
+    fs::create_dir_all(folder).map_err(|source| IngestError::Place { source, path: folder.to_owned() })
 }
 
 /// What GDAL complains of: blocks are written late, from its cache, and that a disk is full is then
@@ -233,8 +239,9 @@ fn create<T: GdalType>(
     size: [usize; 2],
     bands: usize,
     transform: [f64; 6],
+    srs: &SpatialRef,
 ) -> Result<Dataset, IngestError> {
-    let predictor = if bands == 1 { "PREDICTOR=3" } else { "PREDICTOR=2" };
+    let predictor = if T::datatype().is_floating() { "PREDICTOR=3" } else { "PREDICTOR=2" };
     let block = format!("BLOCKXSIZE={BLOCK}");
     let rows = format!("BLOCKYSIZE={BLOCK}");
     let options = ["TILED=YES", &block, &rows, "COMPRESS=DEFLATE", "ZLEVEL=3", predictor, "BIGTIFF=IF_SAFER"];
@@ -246,7 +253,7 @@ fn create<T: GdalType>(
         let driver = DriverManager::get_driver_by_name("GTiff")?;
         let mut dataset = driver.create_with_band_type_with_options::<T, _>(path, size[0], size[1], bands, &list)?;
         dataset.set_geo_transform(&transform)?;
-        dataset.set_spatial_ref(&SpatialRef::from_epsg(EPSG)?)?;
+        dataset.set_spatial_ref(srs)?;
         if bands == 3 {
             let shows = [ColorInterpretation::RedBand, ColorInterpretation::GreenBand, ColorInterpretation::BlueBand];
             for (band, shows) in (1..=3).zip(shows) {
