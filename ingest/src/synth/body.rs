@@ -46,7 +46,7 @@ pub enum BodyModel {
     Moon,
 }
 
-/// A picture has at most so many columns: colours are dearer than heights.
+/// A picture has at most this many columns: colours are dearer than heights.
 const MOST_PIXELS: u32 = 8192;
 
 impl BodyModel {
@@ -196,30 +196,23 @@ impl Ground {
         let radius_m = self.model.radius_m() as f32;
         let mut sum = 0.0;
         for size in 0..self.crater_sizes {
-            let scale = 5.0 * f64::from(1u32 << size);
+            let scale = 3.3 * f64::from(1u32 << size);
             let (at, seed) = (up * scale, self.seed(20 + size));
-            let floor = at.floor();
-            for neighbor in 0..27i64 {
-                let cell = [
-                    floor.x as i64 + neighbor % 3 - 1,
-                    floor.y as i64 + neighbor / 3 % 3 - 1,
-                    floor.z as i64 + neighbor / 9 - 1,
-                ];
-                let h = hash3(cell, seed);
-                // Half of all cells have one.
-                if h & 1 == 0 {
+            // None reaches further than half a cell: eight cells have all that may lie here.
+            let first = (at - 0.5).floor();
+            for neighbor in 0..8i64 {
+                let corner =
+                    first + DVec3::new((neighbor & 1) as f64, (neighbor >> 1 & 1) as f64, (neighbor >> 2) as f64);
+                let h = hash3([corner.x as i64, corner.y as i64, corner.z as i64], seed);
+                // Most cells have one.
+                if h & 3 == 0 {
                     continue;
                 }
-                let number = |i: u32| unit(h.wrapping_mul(0x9e37_79b1u32.wrapping_add(i.wrapping_mul(0x632b_e5ab))));
+                let number = |i: u32| unit(h.wrapping_mul(0x9e37_79b1u32.wrapping_add(i.wrapping_mul(0xc657_cb56))));
                 let middle = Vec3::new(number(1), number(2), number(3));
-                let own = Vec3::new(
-                    (at.x - cell[0] as f64) as f32,
-                    (at.y - cell[1] as f64) as f32,
-                    (at.z - cell[2] as f64) as f32,
-                );
-                let radius = 0.2 + 0.3 * number(4) * number(4);
-                let away = own.distance(middle) / radius;
-                if away < 2.0 {
+                let radius = 0.12 + 0.21 * number(4) * number(4);
+                let away = (at - corner).as_vec3().distance(middle) / radius;
+                if away < CRATER_REACH {
                     sum += crater(away) * depth_m(2.0 * radius * radius_m / scale as f32);
                 }
             }
@@ -271,11 +264,14 @@ impl Ground {
     }
 }
 
+/// Radii of a crater at which its rim ends.
+const CRATER_REACH: f32 = 1.5;
+
 /// The profile of a crater by the distance from its middle in radii, in depths.
 fn crater(away: f32) -> f32 {
     let bowl = (away * away - 1.0).max(-0.75);
     let rim = 0.28 * (-((away - 1.0) * (away - 1.0)) / 0.06).exp();
-    if away < 1.0 { bowl + rim } else { rim * (1.0 - smoothstep(1.4, 2.0, away)) }
+    if away < 1.0 { bowl + rim } else { rim * (1.0 - smoothstep(1.2, CRATER_REACH, away)) }
 }
 
 /// Depth of a fresh crater of a diameter, metres (Pike 1977: 0.196 D^1.01, beyond 15 km 1.044 D^0.301,
