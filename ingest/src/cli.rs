@@ -427,6 +427,20 @@ mod tests {
     }
 
     #[test]
+    fn bodies_by_name_and_by_numbers() {
+        assert!(matches!(BodyChoice::parse("Mars"), Ok(BodyChoice::Body { name: Some("Mars"), .. })));
+        let body = BodyChoice::parse("3396190,0.00589");
+        assert!(matches!(body, Ok(BodyChoice::Body { flattening, .. }) if (flattening - 0.00589).abs() < 1e-12));
+        for text in ["pluto", "1,2,3", "3396190,0.9", "-5,0", "nan,nan"] {
+            assert!(BodyChoice::parse(text).is_err(), "{text}");
+        }
+        assert!(parse_body("moon:2880").is_ok() && parse_body("earth").is_ok());
+        for text in ["moon:7", "moon:257", "venus", "moon:x", "mars:99999999999"] {
+            assert!(parse_body(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
     fn negative_nodata_is_no_flag() {
         let cli =
             Cli::try_parse_from(["x", "ingest", "--elevation", "a.tif", "-o", "w.tv", "--nodata", "-9999"]).unwrap();

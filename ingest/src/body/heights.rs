@@ -15,9 +15,9 @@ use std::path::Path;
 /// A gap at a pole may be so wide, degrees.
 const WIDEST_GAP_DEG: f64 = 10.0;
 /// Samples that are read at a time.
-const MOST_SAMPLES: usize = 6 << 20;
-/// Rows that lie together in most files.
-const FILE_ROWS: usize = 256;
+const MOST_SAMPLES: usize = 4 << 20;
+/// Rows that lie together in most files, and columns.
+const FILE_BLOCK: usize = 256;
 
 /// A source on the lattice.
 struct Placed<'a> {
@@ -31,6 +31,16 @@ struct Placed<'a> {
 }
 
 impl Placed<'_> {
+    /// Its pixels in lattice columns `from` to `to`: the first pixel, the first lattice column, and how
+    /// many. Two pieces, where it begins within.
+    fn pieces(&self, from: usize, to: usize, around: usize) -> impl Iterator<Item = [usize; 3]> {
+        let (first, end) = (self.first[0] as usize, self.first[0] as usize + self.columns);
+        [0, around].into_iter().filter_map(move |turn| {
+            let (low, high) = (first.max(from + turn), end.min(to + turn));
+            (low < high).then(|| [low - first, low - turn, high - low])
+        })
+    }
+
     /// Its row of pixels in a lattice row, if it has one.
     fn pixel_row(&self, row: i64) -> Option<usize> {
         let pixel = if self.goes_north { row - self.first[1] } else { self.first[1] - row };
@@ -76,8 +86,14 @@ pub(super) fn read(
         _ => return Err(IngestError::source(sources[0].0.path(), "has no row between the poles")),
     };
     check_gaps(place, [from, last - to], sources[0].0.path())?;
-    let at_once = (MOST_SAMPLES / columns).clamp(1, FILE_ROWS);
-    let chunks = ((to - from + 1) as usize).div_ceil(at_once);
+    let at_once = (MOST_SAMPLES / columns.max(1)).clamp(1, FILE_BLOCK);
+    // Whole blocks of the file: a block that two threads read is unpacked twice.
+    let (at_once, wide) = match at_once < FILE_BLOCK {
+        true => (FILE_BLOCK, MOST_SAMPLES / FILE_BLOCK / FILE_BLOCK * FILE_BLOCK),
+        false => (at_once, columns),
+    };
+    let across = columns.div_ceil(wide);
+    let chunks = ((to - from + 1) as usize).div_ceil(at_once) * across;
     let mut range = [f32::MAX, f32::MIN];
     work.in_order(
         "elevation",
@@ -85,10 +101,12 @@ pub(super) fn read(
         || placed.iter().map(|p| ElevationReader::open(p.raster, p.values)).collect::<Result<Vec<_>, _>>(),
         |readers, chunk| {
             // From the north, as most files are.
-            let north = to - (chunk * at_once) as i64;
+            let north = to - (chunk / across * at_once) as i64;
             let south = (north - at_once as i64 + 1).max(from);
-            let rows = read_rows(&placed, readers, [south, north], columns)?;
-            let rect = Rect::new([0, south], [columns, (north - south + 1) as usize]);
+            let west = chunk % across * wide;
+            let east = (west + wide).min(columns);
+            let rows = read_rows(&placed, readers, [south, north], [west, east], columns)?;
+            let rect = Rect::new([west as i64, south], [east - west, (north - south + 1) as usize]);
             level.write(rect, &rows).map_err(fail)?;
             Ok(rows.iter().fold([f32::MAX, f32::MIN], |r, h| [r[0].min(*h), r[1].max(*h)]))
         },
@@ -127,28 +145,31 @@ fn tell_gaps(place: &LatticePlace, made_up: [u64; 2], note: &mut dyn FnMut(Note)
     }
 }
 
-/// Heights of lattice rows from `south` to `north`.
+/// Heights of lattice rows from `south` to `north`, and of columns from `west` to before `east`.
 fn read_rows(
     placed: &[Placed<'_>],
     readers: &[ElevationReader<'_>],
     [south, north]: [i64; 2],
-    columns: usize,
+    [west, east]: [usize; 2],
+    around: usize,
 ) -> Result<Vec<f32>, IngestError> {
-    let count = (north - south + 1) as usize;
-    let mut rows = vec![f32::NAN; columns * count];
+    let width = east - west;
+    let mut rows = vec![f32::NAN; width * (north - south + 1) as usize];
     // The topmost last.
     for (source, reader) in placed.iter().zip(readers).rev() {
         let with_data: Vec<i64> = (south..=north).filter(|row| source.pixel_row(*row).is_some()).collect();
         let (Some(first), Some(last)) = (with_data.first(), with_data.last()) else { continue };
         let pixels = [*first, *last].map(|row| source.pixel_row(row).unwrap_or(0));
         let top = pixels[0].min(pixels[1]);
-        let window = reader.read([0, top], [source.columns, pixels[0].max(pixels[1]) - top + 1])?;
-        for row in *first..=*last {
-            let pixel_row = source.pixel_row(row).unwrap_or(top) - top;
-            let line = &mut rows[(row - south) as usize * columns..][..columns];
-            for column in 0..source.columns {
-                if let Some([height]) = window.known(pixel_row * source.columns + column) {
-                    line[(source.first[0] as usize + column) % columns] = quantized(height);
+        for [pixel, column, count] in source.pieces(west, east, around) {
+            let window = reader.read([pixel, top], [count, pixels[0].max(pixels[1]) - top + 1])?;
+            for row in *first..=*last {
+                let pixel_row = source.pixel_row(row).unwrap_or(top) - top;
+                let line = &mut rows[(row - south) as usize * width + column - west..][..count];
+                for (k, to) in line.iter_mut().enumerate() {
+                    if let Some([height]) = window.known(pixel_row * count + k) {
+                        *to = quantized(height);
+                    }
                 }
             }
         }
@@ -162,8 +183,8 @@ fn read_rows(
                 format!(
                     "has no data at {voids} or more places (lattice column {}, row {}): elevation of a body must go all around, \
                      without voids (gdal_fillnodata.py fills them; --plane makes a plane of it)",
-                    at % columns,
-                    south + (at / columns) as i64
+                    west + at % width,
+                    south + (at / width) as i64
                 ),
             ))
         }
