@@ -74,7 +74,7 @@ fn finest(database: &Database) -> HashMap<[u64; 2], f32> {
 #[test]
 fn samples_stay_where_the_source_has_them() {
     let folder = TestFolder::new();
-    let cases: [(&str, [usize; 2], [f64; 2], [u32; 2]); 4] = [
+    let cases = [
         ("areas", [180, 90], [-179.0, 89.0], [180, 91]),
         ("from0", [180, 90], [1.0, 89.0], [180, 91]),
         ("points", [180, 91], [-180.0, 90.0], [180, 90]),
@@ -198,6 +198,16 @@ fn colours_lie_where_the_picture_has_them_all_around_and_beyond_the_poles() {
         }
     }
     assert!(checked > 50_000, "{checked}");
+}
+
+#[test]
+fn a_body_that_is_named_serves_files_without_a_crs() {
+    let folder = TestFolder::new();
+    let file = Tiff { crs: None, ..globe([180, 90], [1.0, 89.0], 2.0, rough) }.write(&folder.path("a.tif"));
+    let body = BodyChoice::parse("mars").unwrap();
+    let (database, _) = run(&Job { body, ..job(&[file], &[], folder.path("w.tv")) }).unwrap();
+    assert_eq!(database.manifest().fields().body.name, "Mars");
+    assert_eq!(database.world().fields().body.unwrap().semi_major_m, 3_396_190.0);
 }
 
 #[test]

@@ -8,6 +8,7 @@ use crate::pyramid::elevation::filtered;
 use crate::store::{Level, Rect};
 use crate::work::Work;
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 use std::io;
 use std::path::Path;
 
@@ -78,8 +79,8 @@ impl Base {
                     let taps = (-(REACH as i64)..=REACH as i64).map(|d| row + (d << finer));
                     near.retain(|at, _| *at >= row - ((REACH as i64) << finer));
                     for tap in taps {
-                        if !near.contains_key(&tap) {
-                            near.insert(tap, self.row(finer, tap).map_err(fail)?);
+                        if let Entry::Vacant(entry) = near.entry(tap) {
+                            entry.insert(self.row(finer, tap).map_err(fail)?);
                         }
                     }
                     let line = |d: isize| &near[&(row + ((d as i64) << finer))];

@@ -118,7 +118,7 @@ impl LatticePlace {
         let below = (south + 90.0) / step;
         let phase = below - below.floor();
         let (has_pole, phase) = match phase {
-            phase if phase < ON_LATTICE || phase > 1.0 - ON_LATTICE => (true, 0.0),
+            phase if !(ON_LATTICE..=1.0 - ON_LATTICE).contains(&phase) => (true, 0.0),
             phase if (phase - 0.5).abs() < 1e-6 => (false, 0.5),
             phase => (false, phase),
         };

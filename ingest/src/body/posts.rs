@@ -98,8 +98,8 @@ impl<'a> Posts<'a> {
     /// The posts of a level in a lattice row that has some.
     pub(super) fn line(&self, q: u8, row: u64) -> io::Result<Line> {
         let level = &self.levels[usize::from(q)];
-        let none = || io::Error::other("a row without posts was asked for");
-        let index = level.rows.binary_search(&row).map_err(|_| none())?;
+        let index = level.rows.binary_search(&row).ok();
+        let index = index.ok_or_else(|| io::Error::other("a row without posts was asked for"))?;
         let (stored, log_step) = level.stored[index];
         let count = Ring::new(self.base.grid.columns(), log_step).count();
         let values = match stored {

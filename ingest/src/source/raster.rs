@@ -83,7 +83,13 @@ impl Raster {
         let whole = assumed.whole_body.filter(|_| affine.is_none() && own.is_none() && columns == 2 * rows);
         let step = 360.0 / columns as f64;
         let affine = affine.or_else(|| whole.map(|_| Affine([-180.0, step, 0.0, 90.0, 0.0, -step])));
-        let srs = match (own, assumed.source_crs.or(whole)) {
+        // With coordinates that can be degrees, but no CRS, it is taken to be on the body as well.
+        let is_in_degrees = affine.is_some_and(|affine| {
+            let [x, y] = affine.apply(0.0, 0.0);
+            x.abs() <= 361.0 && y.abs() <= 91.0 && affine.0[1].abs() * columns as f64 <= 361.0
+        });
+        let of_body = assumed.whole_body.filter(|_| is_in_degrees);
+        let srs = match (own, assumed.source_crs.or(of_body)) {
             (Some(srs), _) => srs,
             (None, Some(text)) => crs::parse("--source-crs", text)?,
             (None, None) if affine.is_none() => {
@@ -94,7 +100,9 @@ impl Raster {
                 ));
             }
             (None, None) => {
-                return Err(fail("has no coordinate reference system: give it with --source-crs EPSG:N".to_owned()));
+                return Err(fail("has no coordinate reference system: give it with --source-crs EPSG:N, or name the --body whose longitudes and \
+                     latitudes it has"
+                        .to_owned()));
             }
         };
         let srs = traditional(srs);
