@@ -7,7 +7,8 @@ use std::path::PathBuf;
 
 /// Each shader module, and the files that it is made of.
 const SHADERS: &[(&str, &[&str])] = &[
-    ("mesh", &["surface", "mesh"]),
+    ("mesh", &["surface", "plane", "mesh"]),
+    ("mesh-globe", &["globe", "mesh"]),
     ("floor", &["floor"]),
     ("rays-cast", &["surface", "rays/shared", "rays/cast"]),
     ("rays-color", &["rays/shared", "rays/color"]),

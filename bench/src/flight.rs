@@ -64,7 +64,7 @@ impl Flight {
             .iter()
             .enumerate()
             .map(|(k, &(angle, x, y, _))| CameraFields {
-                eye_in_world: world.surface().position(DVec2::new(x, y), smooth(k) + up).to_array(),
+                eye_in_world: world.plane().position(DVec2::new(x, y), smooth(k) + up).to_array(),
                 // Along the way, turned inwards by a third of a right angle.
                 heading_rad: angle + TAU / 4.0 + TAU / 12.0,
                 pitch_rad: -22f64.to_radians(),

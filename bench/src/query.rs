@@ -48,7 +48,7 @@ impl Random {
 pub fn run(world: &Path, findings: &mut Findings) -> anyhow::Result<()> {
     let database = Database::open(world)?;
     let tiles = GroundTiles::new(&database, database.world(), KEPT_BYTES).bounded(database.ranges());
-    let (surface, frame) = (database.world().surface(), database.world().crs_frame());
+    let (surface, frame) = (database.world().plane(), database.world().crs_frame());
     let mut random = Random(1);
     let end = surface.end();
     let feet: Vec<DVec2> = (0..PLACES).map(|_| end * DVec2::new(random.next(), random.next())).collect();

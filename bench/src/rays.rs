@@ -11,7 +11,7 @@ use anyhow::Context;
 use glam::DVec2;
 use std::time::Instant;
 use terravision_common::camera::{Camera, CameraFields};
-use terravision_common::surface::Surface;
+use terravision_common::surface::Plane;
 use terravision_common::synthetic::{Relief, SyntheticTerrain};
 
 use terravision_raycast::Sampling;
@@ -79,7 +79,7 @@ impl Scene {
             }
         }
         let shape = GroundShape {
-            surface: Surface::new(1.0, [u32::MAX; 2], SIDE as u32),
+            surface: Plane::new(1.0, [u32::MAX; 2], SIDE as u32),
             levels: 1,
             color: ColorLayout { side: SIDE as u32, mips: 1 },
             filter: Some(Filter::OrientedBox),

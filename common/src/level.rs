@@ -24,7 +24,7 @@
 
 use crate::camera::Camera;
 use crate::rig::{MAX_VIEWS, Views};
-use crate::surface::{Column, EyeFrame, Row, Sight, WorldBox};
+use crate::surface::{Column, Columns, EyeFrame, NodeBounds, Row, Sight};
 use crate::world::World;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::SQRT_2;
@@ -143,13 +143,18 @@ impl LevelFunction {
     #[must_use]
     pub fn elevation_level_at(&self, column: Column, row: Row, height_m: f64) -> f64 {
         let mut out = [0.0];
-        self.elevation_levels(&[column], row, &[height_m], &mut out);
+        self.levels_of_row([&[column.x], &[column.y]], &row, &[height_m], &mut out);
         out[0]
     }
 
     /// The elevation levels wanted at the points of a row, heights exaggerated already: the form
     /// that compiles to SIMD. All slices have the length of `out`; longer ones are cut.
-    pub fn elevation_levels(&self, columns: &[Column], row: Row, heights_m: &[f64], out: &mut [f64]) {
+    pub fn elevation_levels(&self, columns: &Columns, row: Row, heights_m: &[f64], out: &mut [f64]) {
+        self.levels_of_row([&columns.x, &columns.y], &row, heights_m, out);
+    }
+
+    #[inline(always)]
+    fn levels_of_row(&self, columns: [&[f64]; 2], row: &Row, heights_m: &[f64], out: &mut [f64]) {
         let (first, others) = self.views().split_first().expect("a frame has one view at least");
         first.levels(self.measure, columns, (row, heights_m), out, |_, level| level);
         for view in others {
@@ -163,13 +168,13 @@ impl LevelFunction {
 
     /// Lower bound of the elevation level over a box.
     #[must_use]
-    pub fn elevation_bound(&self, bounds: &WorldBox) -> f64 {
+    pub fn elevation_bound(&self, bounds: &NodeBounds) -> f64 {
         self.views().iter().map(|view| view.elevation_bound(self.measure, bounds)).fold(f64::INFINITY, f64::min)
     }
 
     /// Lower bound of the colour level over a box.
     #[must_use]
-    pub fn color_bound(&self, bounds: &WorldBox) -> f64 {
+    pub fn color_bound(&self, bounds: &NodeBounds) -> f64 {
         self.elevation_bound(bounds) + self.color_minus_elevation
     }
 }
@@ -190,8 +195,8 @@ impl ViewLevel {
     fn levels(
         &self,
         measure: Measure,
-        columns: &[Column],
-        row: (Row, &[f64]),
+        columns: [&[f64]; 2],
+        row: (&Row, &[f64]),
         out: &mut [f64],
         with: impl Fn(f64, f64) -> f64 + Copy,
     ) {
@@ -205,18 +210,28 @@ impl ViewLevel {
     #[inline(always)]
     fn row(
         &self,
-        columns: &[Column],
-        (row, heights_m): (Row, &[f64]),
+        [xs, ys]: [&[f64]; 2],
+        (row, heights_m): (&Row, &[f64]),
         out: &mut [f64],
         slope: f64,
         argument: impl Fn(f64, f64) -> f64 + Copy,
         with: impl Fn(f64, f64) -> f64 + Copy,
     ) {
-        let row = self.frame.row(row);
-        for ((column, height_m), out) in columns.iter().zip(heights_m).zip(out) {
-            let sight = self.frame.sight(row, *column, *height_m);
-            let level = slope * log2_approximate(self.argument_of(&sight, argument)) + self.elevation_offset;
-            *out = with(*out, level);
+        let level_of =
+            |sight: &Sight| slope * log2_approximate(self.argument_of(sight, argument)) + self.elevation_offset;
+        match &self.frame {
+            EyeFrame::Plane(frame) => {
+                let row = frame.row(row.x);
+                for ((column, height_m), out) in xs.iter().zip(heights_m).zip(out) {
+                    *out = with(*out, level_of(&frame.sight(row, *column, *height_m)));
+                }
+            }
+            EyeFrame::Globe(frame) => {
+                for (((x, y), height_m), out) in xs.iter().zip(ys).zip(heights_m).zip(out) {
+                    let column = Column { x: *x, y: *y };
+                    *out = with(*out, level_of(&frame.sight(row, &column, *height_m)));
+                }
+            }
         }
     }
 
@@ -232,7 +247,7 @@ impl ViewLevel {
         argument(w2, slant)
     }
 
-    fn elevation_bound(&self, measure: Measure, bounds: &WorldBox) -> f64 {
+    fn elevation_bound(&self, measure: Measure, bounds: &NodeBounds) -> f64 {
         let sight = self.frame.bound(bounds);
         let of = |argument: fn(f64, f64) -> f64| self.argument_of(&sight, argument);
         let level = match measure {
@@ -240,7 +255,7 @@ impl ViewLevel {
             Measure::Min => 0.5 * log2_approximate(of(|w2, slant| w2 * slant)),
             Measure::Area => 0.25 * log2_approximate(of(|w2, slant| w2 * w2 * slant)),
         };
-        level + self.elevation_offset - BOUND_MARGIN
+        level + self.elevation_offset - BOUND_MARGIN + self.frame.narrower_by_levels(bounds)
     }
 }
 
@@ -265,13 +280,14 @@ pub fn log2_approximate(x: f64) -> f64 {
 /// into the next block.
 #[must_use]
 pub fn deepest_color_below(world: &World) -> u8 {
-    world.elevation_tile().ilog2() as u8 - 1
+    (world.elevation_tile().ilog2() as u8 - 1).saturating_sub(world.surface().lag())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::camera::CameraFields;
+    use crate::surface::WorldBox;
     use crate::world::WorldFields;
     use glam::DVec3;
     use proptest::prelude::*;
@@ -305,6 +321,10 @@ mod tests {
         .expect("valid")
     }
 
+    fn level_at(level: &LevelFunction, x: f64, y: f64, height_m: f64) -> f64 {
+        level.elevation_level_at(Column { x, y: 0.0 }, Row { x: y, ..Row::default() }, height_m)
+    }
+
     fn measures() -> impl Strategy<Value = Measure> {
         prop_oneof![Just(Measure::Min), Just(Measure::Area), Just(Measure::Max)]
     }
@@ -332,12 +352,12 @@ mod tests {
                 min = camera.eye() - size * DVec3::from_array(inside[0]) * 1.5;
             }
             let bounds = WorldBox { min, max: min + size };
-            let bound = level.elevation_bound(&bounds);
+            let bound = level.elevation_bound(&NodeBounds::Plane(bounds, false));
             let corners = (0..8u8).map(|c| [c & 1, c >> 1 & 1, c >> 2].map(f64::from));
             let eye_inside = (camera.eye().clamp(bounds.min, bounds.max) - min) / size;
             for t in inside.iter().copied().chain(corners).chain([eye_inside.to_array()]) {
                 let p = (min + size * DVec3::from_array(t)).clamp(bounds.min, bounds.max);
-                let at = level.elevation_level_at(p.x, p.y, p.z);
+                let at = level_at(&level, p.x, p.y, p.z);
                 prop_assert!(at.is_finite());
                 prop_assert!(bound <= at, "bound {bound}, at {p} {at}");
             }
@@ -367,7 +387,7 @@ mod tests {
         let camera = camera([0.0, 0.0, 6235.38], [0.0, -std::f64::consts::FRAC_PI_2, 0.0], 60f64.to_radians());
         for measure in [Measure::Min, Measure::Area, Measure::Max] {
             let level = LevelFunction::new(&camera, &world(), 1.0, measure, 10.0, 1.0);
-            let at = level.elevation_level_at(0.0, 0.0, 0.0);
+            let at = level_at(&level, 0.0, 0.0, 0.0);
             assert!((at - (SQRT_2 * 10.0).log2()).abs() < 1e-4, "{measure:?} {at}");
             // A texel of 1 px is 10 m; colour of level q has texels of 10·2^q·32/256 m.
             let color = at + level.color_minus_elevation();
@@ -379,7 +399,7 @@ mod tests {
     fn measures_are_ordered_and_agree_within_the_least_slant() {
         let camera = camera([0.0, 0.0, 1000.0], [0.0, 0.0, 0.0], 1.0);
         let [min, area, max] = [Measure::Min, Measure::Area, Measure::Max].map(|measure| {
-            LevelFunction::new(&camera, &world(), 1.0, measure, 10.0, 1.0).elevation_level_at(0.0, 50_000.0, 0.0)
+            level_at(&LevelFunction::new(&camera, &world(), 1.0, measure, 10.0, 1.0), 0.0, 50_000.0, 0.0)
         });
         assert!(max < area && area < min);
         assert!((min - max - (1.0 / LEAST_SLANT).log2()).abs() < 1e-4);

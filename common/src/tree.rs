@@ -7,6 +7,7 @@
 
 use crate::camera::CameraFields;
 use crate::node::NodeId;
+use crate::surface::MOST_CHILDREN;
 use bytemuck::{Pod, Zeroable};
 use std::ops::Range;
 
@@ -29,7 +30,7 @@ pub struct TreeNode {
     pub node: u64,
     /// Index of the first child; meaningless without children.
     pub first_child: u32,
-    /// Number of children, 0 to 4.
+    /// Number of children, 0 to 4; of the crown, which is above the roots of a body, up to 8.
     pub child_count: u8,
     /// [`ELEVATION_LEAF`] | [`COLOR_LEAF`] | [`COLOR_FROM_ANCESTOR`].
     pub flags: u8,
@@ -53,7 +54,8 @@ impl TreeNode {
             return Some(0..0);
         }
         let end = self.first_child.checked_add(u32::from(self.child_count))?;
-        (self.child_count <= 4 && self.first_child > index && end <= len).then_some(self.first_child..end)
+        (usize::from(self.child_count) <= MOST_CHILDREN && self.first_child > index && end <= len)
+            .then_some(self.first_child..end)
     }
 }
 

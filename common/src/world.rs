@@ -27,9 +27,10 @@ pub use body::BodyGrid;
 
 use crate::node::{MAX_LEVEL, NodeId};
 use crate::surface::globe::Globe;
-use crate::surface::{CrsFrame, Surface};
+use crate::surface::{CrsFrame, Plane, Surface};
 use glam::DVec2;
 use serde::{Deserialize, Serialize};
+use std::f64::consts::{PI, TAU};
 
 /// Geometry of a terrain database: where its nodes, posts and texels are. Valid by construction.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -43,8 +44,8 @@ pub struct World {
     has_holes: bool,
     /// The finest level of which, and of all coarser ones, every node has its tiles.
     complete_level: u8,
-    /// Of a world that is a whole body; made of the fields.
-    globe: Option<Globe>,
+    /// Made of the fields.
+    surface: Surface,
 }
 
 /// The unchecked numbers of a [`World`], as in the manifest.
@@ -139,7 +140,9 @@ impl World {
                 "at most log2(elevation_tile) levels above the finest colour level",
             );
         }
-        Ok(Self { fields, has_validity: false, has_holes: false, complete_level: 0, globe })
+        let plane = Plane::new(fields.lattice_unit_m, fields.extent, fields.elevation_tile);
+        let surface = globe.map_or(Surface::Plane(plane), Surface::Globe);
+        Ok(Self { fields, has_validity: false, has_holes: false, complete_level: 0, surface })
     }
 
     /// The same world with planes of validity beside its heights ([`crate::validity`]);
@@ -197,33 +200,47 @@ impl World {
     /// The body that it is, if it is not a plane.
     #[must_use]
     pub const fn globe(&self) -> Option<&Globe> {
-        self.globe.as_ref()
+        match &self.surface {
+            Surface::Globe(globe) => Some(globe),
+            Surface::Plane(_) => None,
+        }
     }
 
     /// Where its ground lies in space.
     #[inline]
     #[must_use]
-    pub const fn surface(&self) -> Surface {
-        Surface::new(self.fields.lattice_unit_m, self.fields.extent, self.fields.elevation_tile)
+    pub const fn surface(&self) -> &Surface {
+        &self.surface
     }
 
-    /// Where it lies in the database's CRS.
+    /// Its plane, for what draws planes alone; of a body, a plane of its lattice's size.
+    #[inline]
+    #[must_use]
+    pub const fn plane(&self) -> Plane {
+        Plane::new(self.fields.lattice_unit_m, self.fields.extent, self.fields.elevation_tile)
+    }
+
+    /// Where it lies in the database's CRS: places of a body are longitude and latitude in degrees.
     #[inline]
     #[must_use]
     pub const fn crs_frame(&self) -> CrsFrame {
-        CrsFrame::new(self.fields.origin)
+        CrsFrame::new(if self.fields.body.is_some() { [0.0; 2] } else { self.fields.origin })
     }
 
     /// South west and north east corner in the database's CRS.
     #[must_use]
     pub fn crs_bounds(&self) -> [DVec2; 2] {
-        [DVec2::ZERO, self.surface().end()].map(|foot| self.crs_frame().place_of_foot(foot))
+        if let Some(body) = &self.fields.body {
+            return [DVec2::new(body.west_deg, -90.0), DVec2::new(body.west_deg + 360.0, 90.0)];
+        }
+        [DVec2::ZERO, self.plane().end()].map(|foot| self.crs_frame().place_of_foot(foot))
     }
 
     /// The middle in the database's CRS.
     #[must_use]
     pub fn crs_middle(&self) -> DVec2 {
-        self.crs_frame().place_of_foot(0.5 * self.surface().end())
+        let [low, high] = self.crs_bounds();
+        if self.globe().is_some() { 0.5 * (low + high) } else { self.crs_frame().place_of_foot(0.5 * self.plane().end()) }
     }
 
     /// Distance of two lattice points, metres.
@@ -238,10 +255,13 @@ impl World {
         self.fields.extent
     }
 
-    /// Extent in metres, east and north.
+    /// Extent in metres, east and north; of a body, around its equator and from pole to pole.
     #[must_use]
     pub fn extent_m(&self) -> [f64; 2] {
-        self.surface().end().to_array()
+        match &self.surface {
+            Surface::Plane(plane) => plane.end().to_array(),
+            Surface::Globe(globe) => [TAU, PI].map(|angle| angle * globe.body().semi_major_m()),
+        }
     }
 
     /// Nz, intervals along an elevation tile's side.
@@ -274,10 +294,32 @@ impl World {
         self.fields.levels
     }
 
-    /// The root node.
+    /// The root node: of a body the crown, which has no tiles itself, above the nodes of its coarsest
+    /// level.
     #[must_use]
     pub fn root(&self) -> NodeId {
-        NodeId::root(self.fields.levels)
+        match &self.surface {
+            Surface::Plane(_) => NodeId::root(self.fields.levels),
+            Surface::Globe(globe) => globe.lattice().crown(),
+        }
+    }
+
+    /// Whether a node is of the coarsest level, without whose tiles there is no picture.
+    #[must_use]
+    pub fn is_root(&self, node: NodeId) -> bool {
+        node.q() == self.coarsest_level()
+    }
+
+    /// Whether a node is the one above all that have tiles.
+    #[must_use]
+    pub fn is_crown(&self, node: NodeId) -> bool {
+        self.globe().is_some() && node == self.root()
+    }
+
+    /// The coarsest level that has tiles.
+    #[must_use]
+    pub fn coarsest_level(&self) -> u8 {
+        self.fields.levels - 1
     }
 
     /// Finest level with elevation tiles.
@@ -292,16 +334,16 @@ impl World {
         self.fields.finest_color_level
     }
 
-    /// Side of a node of level `q`, lattice units.
+    /// Side of a node of level `q`, lattice units of a plane.
     #[must_use]
     pub fn node_side(&self, q: u8) -> u64 {
-        self.surface().node_side(q)
+        self.plane().node_side(q)
     }
 
     /// Side of a node of level `q`, metres: `b·2^q`.
     #[must_use]
     pub fn node_side_m(&self, q: u8) -> f64 {
-        self.surface().node_side_m(q)
+        self.plane().node_side_m(q)
     }
 
     /// Lower left corner of a node, lattice units.
@@ -314,16 +356,16 @@ impl World {
     /// columns that a row has, and numbers of rows, of which some do not exist.
     #[must_use]
     pub fn nodes_at(&self, q: u8) -> [u32; 2] {
-        match &self.globe {
-            Some(globe) => body::nodes_at(globe.lattice(), q),
-            None => self.surface().nodes_at(q),
+        match &self.surface {
+            Surface::Globe(globe) => body::nodes_at(globe.lattice(), q),
+            Surface::Plane(plane) => plane.nodes_at(q),
         }
     }
 
     /// Number of nodes of row `n` of level `q`; none where the row does not exist.
     #[must_use]
     pub fn columns_of_row(&self, q: u8, n: u32) -> u32 {
-        match &self.globe {
+        match self.globe() {
             Some(globe) => body::columns_of_row(globe.lattice(), q, n),
             None => {
                 let [columns, rows] = self.nodes_at(q);
@@ -335,7 +377,7 @@ impl World {
     /// Number of nodes of level `q`.
     #[must_use]
     pub fn node_count(&self, q: u8) -> u64 {
-        match &self.globe {
+        match self.globe() {
             Some(_) => (0..self.nodes_at(q)[1]).map(|n| u64::from(self.columns_of_row(q, n))).sum(),
             None => self.nodes_at(q).map(u64::from).iter().product(),
         }
@@ -343,26 +385,20 @@ impl World {
 
     /// The nodes of the coarsest level: one of a plane, two rows of a body.
     pub fn roots(&self) -> impl Iterator<Item = NodeId> + use<> {
-        let plane = self.globe.is_none().then(|| self.root());
-        plane.into_iter().chain(self.globe.into_iter().flat_map(|globe| globe.lattice().roots()))
+        let plane = self.globe().is_none().then(|| self.root());
+        plane.into_iter().chain(self.globe().copied().into_iter().flat_map(|globe| globe.lattice().roots()))
     }
 
     /// The children of a node, those that there are: from the west, the southern row first.
     pub fn children(&self, node: NodeId) -> impl Iterator<Item = NodeId> + use<> {
-        let mut children = [None; 4];
-        match &self.globe {
-            Some(globe) => {
-                children.iter_mut().zip(globe.lattice().children(node)).for_each(|(to, child)| *to = Some(child));
-            }
-            None => children = [0, 1, 2, 3].map(|index| node.child(index).filter(|child| self.contains(*child))),
-        }
-        children.into_iter().flatten()
+        let world = *self;
+        self.surface.children(node).iter().filter(move |child| world.contains(*child))
     }
 
     /// The node of the next coarser level that has this one as a child; `None` for a root.
     #[must_use]
     pub fn parent(&self, node: NodeId) -> Option<NodeId> {
-        match &self.globe {
+        match self.globe() {
             Some(globe) => globe.lattice().parent(node),
             None => (node.q() + 1 < self.fields.levels).then(|| node.parent()),
         }
@@ -380,19 +416,28 @@ impl World {
     /// exist.
     #[must_use]
     pub fn contains(&self, node: NodeId) -> bool {
-        if let Some(globe) = &self.globe {
-            return globe.lattice().contains(node);
-        }
-        node.q() < self.fields.levels && {
-            let [columns, rows] = self.nodes_at(node.q());
-            node.m() < columns && node.n() < rows
+        match &self.surface {
+            Surface::Globe(globe) => globe.lattice().contains(node),
+            Surface::Plane(plane) => {
+                node.q() < self.fields.levels && {
+                    let [columns, rows] = plane.nodes_at(node.q());
+                    node.m() < columns && node.n() < rows
+                }
+            }
         }
     }
 
-    /// The node of the same level `east` columns and `north` rows away, when it exists.
+    /// The nodes across the west, east, south or north edge of a node that exist
+    /// ([`Surface::across`]).
+    #[inline]
+    pub fn across(&self, node: NodeId, side: usize) -> impl Iterator<Item = NodeId> {
+        self.surface.across(node, side).into_iter().flatten().filter(|id| self.contains(*id))
+    }
+
+    /// The node of the same level `east` columns and `north` rows away, when it exists; of a plane.
     #[must_use]
     pub fn neighbor(&self, node: NodeId, east: i32, north: i32) -> Option<NodeId> {
-        self.surface().neighbor(node, east, north).filter(|id| self.contains(*id))
+        self.plane().neighbor(node, east, north).filter(|id| self.contains(*id))
     }
 
     /// Whether the database has a place for an elevation tile of this node.

@@ -165,7 +165,7 @@ fn shares() -> impl Strategy<Value = [f64; 3]> {
 
 /// A position over the world, from below the lowest ground to above the highest.
 fn position(world: &World, [x, y, z]: [f64; 3]) -> DVec3 {
-    let end = world.surface().end();
+    let end = world.plane().end();
     DVec3::new(x * end.x, y * end.y, -4.0 + 44.0 * z)
 }
 
@@ -311,7 +311,7 @@ fn places_on_the_ground_see_each_other_over_a_plain_and_not_through_a_hill() {
 fn tiles_that_cannot_be_read_are_answered_from_coarser_ones_and_told_of() {
     let mut rough = Rough::new([16, 16], 5, false);
     let place = DVec2::new(21.0, 33.0);
-    let node = rough.world.surface().node_at(place, 0).unwrap();
+    let node = rough.world.plane().node_at(place, 0).unwrap();
     rough.broken.insert(node);
     let ranges = rough.ranges();
     let tiles = GroundTiles::new(&rough, &rough.world, 1 << 20).bounded(&ranges);
@@ -323,7 +323,7 @@ fn tiles_that_cannot_be_read_are_answered_from_coarser_ones_and_told_of() {
     assert!(tiles.take_failures().is_none());
     let down = tiles.line_of_sight(place.extend(100.0), place.extend(-100.0), &mut scratch).unwrap();
     assert!(!down.is_finest && matches!(down.found, LineOfSight::Hidden { .. }));
-    rough.broken.extend((0..rough.world.levels()).filter_map(|q| rough.world.surface().node_at(place, q)));
+    rough.broken.extend((0..rough.world.levels()).filter_map(|q| rough.world.plane().node_at(place, q)));
     let tiles = GroundTiles::new(&rough, &rough.world, 1 << 20).bounded(&ranges);
     let mut scratch = GroundScratch::default();
     assert_eq!(tiles.sample(place, Interpolation::Facet, &mut scratch), Err(NoGround::Unreadable));

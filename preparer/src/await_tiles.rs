@@ -99,8 +99,8 @@ impl TileWait {
         patience: Duration,
         control: &Control,
     ) -> Result<bool, AwaitError> {
+        let world = self.world;
         let end = Instant::now() + patience;
-        let root = self.world.root();
         loop {
             loader.drain()?;
             // This wait is ended by its own clock.
@@ -110,10 +110,10 @@ impl TileWait {
             for tile in &self.locked {
                 let (is_there, is_awaited) = match loader.want(*tile, FrameNumber::default(), Sequence::NONE, control) {
                     TileState::Resident => (true, false),
-                    TileState::Unavailable { may_come } => (false, may_come || tile.node == root),
+                    TileState::Unavailable { may_come } => (false, may_come || world.is_root(tile.node)),
                     TileState::Loading | TileState::NoRoom => (false, true),
                 };
-                is_root_there &= is_there || tile.node != root;
+                is_root_there &= is_there || !world.is_root(tile.node);
                 is_over &= !is_awaited;
             }
             loader.ask(FrameNumber::default(), Sequence::NONE);
@@ -127,8 +127,8 @@ impl TileWait {
     /// The first of the root's tiles that is missing: without them there is no picture. To be
     /// called when the top levels are settled; does not block.
     pub fn missing_of_root(&mut self, loader: &mut impl TileLoader, control: &Control) -> Option<Tile> {
-        let root = self.world.root();
-        let mut of_root = self.locked.iter().filter(|tile| tile.node == root);
+        let world = self.world;
+        let mut of_root = self.locked.iter().filter(|tile| world.is_root(tile.node));
         of_root
             .find(|tile| loader.want(**tile, FrameNumber::default(), Sequence::NONE, control) != TileState::Resident)
             .copied()

@@ -13,7 +13,7 @@ use glam::Vec3;
 use terravision_common::camera::Camera;
 use terravision_common::node::NodeId;
 use terravision_common::slot::TileSlot;
-use terravision_common::surface::{EyeFrame, Surface, Vertices};
+use terravision_common::surface::{EyeFrame, VertexTerms};
 use terravision_common::validity::GROUND_PLANE;
 use terravision_common::world::World;
 
@@ -50,9 +50,7 @@ pub struct BlockCulling {
 /// What one view sees of the entered leaf.
 #[derive(Debug)]
 struct Eye {
-    surface: Surface,
-    /// The world's north east corner, lattice units.
-    extent: [u64; 2],
+    world: World,
     posts: usize,
     normals: [Vec3; PLANES],
     /// The frame of the view's camera.
@@ -60,8 +58,7 @@ struct Eye {
     /// The datum of heights, metres above this eye.
     datum_m: f32,
     /// Columns and rows of the entered leaf, relative to the eye.
-    columns: Vec<f32>,
-    rows: Vec<f32>,
+    terms: VertexTerms,
     /// For an eye beside the world, which may see walls: the height of their feet, relative to the
     /// eye.
     foot_m: Option<f32>,
@@ -158,14 +155,12 @@ impl Eye {
     fn new(world: &World) -> Self {
         let posts = world.elevation_posts() as usize;
         Self {
-            surface: world.surface(),
-            extent: world.extent().map(u64::from),
+            world: *world,
             posts,
             normals: [Vec3::ZERO; PLANES],
             frame: None,
             datum_m: 0.0,
-            columns: vec![0.0; posts],
-            rows: vec![0.0; posts],
+            terms: VertexTerms::default(),
             foot_m: None,
             border: Default::default(),
             feet: vec![0.0; posts * posts],
@@ -178,9 +173,10 @@ impl Eye {
     fn look(&mut self, pose: &Camera, Sight { camera, ground_m }: Sight<'_>, skirt_low_m: Option<f64>) {
         let [a, b, c, d] = camera.frustum_normals_in_world();
         self.normals = [a, b, c, d, camera.axes_in_world()[2]].map(|normal| normal.as_vec3());
-        let frame = self.surface.seen_by(camera.eye(), camera.axes_in_world()[2]);
-        self.datum_m = frame.height_from_eye(self.surface.height_m(pose.eye()));
-        let foot_m = skirt_low_m.filter(|_| !self.surface.is_over(camera.eye()));
+        let surface = self.world.surface();
+        let frame = surface.seen_by(camera.eye(), camera.axes_in_world()[2]);
+        self.datum_m = frame.height_from_eye(surface.height_m(pose.eye()));
+        let foot_m = skirt_low_m.filter(|_| !surface.is_over(camera.eye()));
         self.foot_m = foot_m.map(|low_m| frame.height_from_eye(low_m));
         self.feet.fill(self.foot_m.unwrap_or_default());
         self.frame = Some(frame);
@@ -201,14 +197,11 @@ impl Eye {
             // Rows that are not drawn do not matter for what is outside.
             self.outside.fill(u32::MAX);
         }
-        let vertices = Vertices { columns: &self.columns, rows: &self.rows, heights };
-        let rows = vertices.by_row().zip(self.outside.chunks_exact_mut(self.posts));
-        for (row, outside) in rows.step_by(grid) {
-            for (vertex, outside) in row.zip(outside) {
-                *outside = planes_outside(&self.normals, vertex);
-            }
+        let vertices = self.terms.with_heights(heights);
+        for (row, outside) in self.outside.chunks_exact_mut(self.posts).enumerate().step_by(grid) {
+            vertices.for_row(row, |column, vertex| outside[column] = planes_outside(&self.normals, vertex));
         }
-        let feet = Vertices { heights: &self.feet, ..vertices };
+        let feet = vertices.at_heights(&self.feet);
         let mut lower = |column: usize, row: usize| {
             self.outside[row * self.posts + column] &= planes_outside(&self.normals, feet.at(column, row));
         };
@@ -224,18 +217,13 @@ impl Eye {
 
     /// Computes the positions of a leaf's columns and rows relative to the eye.
     fn place(&mut self, node: NodeId) {
-        let surface = self.surface;
+        let surface = self.world.surface();
         let Some(frame) = self.frame else { return };
-        for (column, x) in self.columns.iter_mut().zip(surface.posts(node, 0)) {
-            *column = frame.column_from_eye(surface.column(x));
-        }
-        for (row, y) in self.rows.iter_mut().zip(surface.posts(node, 1)) {
-            *row = frame.row_from_eye(surface.row(y));
-        }
+        surface.place_terms(&frame, node, &mut self.terms);
         for (axis, border) in self.border.iter_mut().enumerate() {
             border.clear();
             if self.foot_m.is_some() {
-                let is_on_border = |at: u64| at == 0 || at == self.extent[axis];
+                let is_on_border = |at: u64| at == 0 || at == u64::from(self.world.extent()[axis]);
                 let posts = surface.posts(node, axis).take(self.posts).enumerate();
                 border.extend(posts.filter(|(_, at)| is_on_border(*at)).map(|(index, _)| index));
             }

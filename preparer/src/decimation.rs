@@ -15,9 +15,10 @@
 //!   step.
 
 use crate::heights::{Heights, TileVanished};
-use crate::truncation::{ElevationLeaf, Tiles, Truncation};
+use crate::truncation::{ElevationLeaf, Tiles, Truncation, along};
 use std::cmp::Reverse;
 use terravision_common::level::LevelFunction;
+use terravision_common::surface::Surface;
 use terravision_common::world::World;
 
 /// The drawn levels of one frame's elevation leaves; keeps its buffers.
@@ -29,6 +30,9 @@ pub struct Decimation {
     /// Leaves, coarse to fine.
     order: Vec<u32>,
     neighbors: Vec<[Option<u32>; 4]>,
+    /// log2 of the steps of each leaf's posts, along each axis.
+    steps: Vec<[u8; 2]>,
+    surface: Surface,
 }
 
 impl Decimation {
@@ -41,6 +45,8 @@ impl Decimation {
             drawn: Vec::with_capacity(nodes),
             order: Vec::with_capacity(nodes),
             neighbors: Vec::with_capacity(nodes),
+            steps: Vec::with_capacity(nodes),
+            surface: *world.surface(),
         }
     }
 
@@ -58,11 +64,14 @@ impl Decimation {
         let leaves = truncation.elevation_leaves();
         self.drawn.clear();
         self.neighbors.clear();
+        self.steps.clear();
         for leaf in leaves {
             let wanted = heights.lowest_level(level, tiles, leaf.node)?;
             self.drawn.push(wanted.min(self.coarsest_edge(truncation, leaf)));
             self.neighbors.push(truncation.neighbors(leaf.node));
+            self.steps.push(self.surface.log_steps(leaf.node));
         }
+        self.limit_halves(truncation);
         for (leaf, neighbors) in leaves.iter().zip(&self.neighbors) {
             let limit = self.coarsest_edge(truncation, leaf);
             for neighbor in neighbors.iter().flatten() {
@@ -84,16 +93,40 @@ impl Decimation {
     /// log2 of the steps between the drawn vertices of a leaf, in its interior and on its west,
     /// east, south and north edge.
     #[must_use]
-    pub fn snaps(&self, at: usize, leaf: &ElevationLeaf) -> (u8, [u8; 4]) {
-        let (own, q) = (self.drawn[at], leaf.node.q());
-        let edges = self.neighbors[at].map(|neighbor| neighbor.map_or(own, |n| own.max(self.drawn[n as usize])) - q);
-        (own - q, edges)
+    pub fn snaps(&self, truncation: &Truncation, at: usize, leaf: &ElevationLeaf) -> (u8, [u8; 4]) {
+        let own = self.drawn[at] - leaf.node.q();
+        let edges = [0, 1, 2, 3].map(|side| {
+            let Some(neighbor) = self.neighbors[at][side].map(|n| n as usize) else { return own };
+            let (axis, theirs) = (along(side), truncation.elevation_leaves()[neighbor].node.q());
+            let step = self.steps[neighbor][axis] + (self.drawn[neighbor] - theirs);
+            own.max(step.saturating_sub(self.steps[at][axis]))
+        });
+        (own, edges)
+    }
+
+    /// Draws two leaves that share the edge of one beside them no coarser than that one's posts are.
+    fn limit_halves(&mut self, truncation: &Truncation) {
+        if self.surface.lag() == 0 {
+            return;
+        }
+        let leaves = truncation.elevation_leaves();
+        for leaf in leaves {
+            for side in 0..4 {
+                let (2, halves) = truncation.leaves_across(leaf.node, side) else { continue };
+                if halves[0].is_some() && halves[0] == halves[1] {
+                    continue;
+                }
+                for half in halves.into_iter().flatten().map(|n| n as usize) {
+                    self.drawn[half] = self.drawn[half].min(leaves[half].node.q() + self.surface.lag());
+                }
+            }
+        }
     }
 
     /// The coarsest level for the steps between vertices on a leaf's edges: no block of its colour
     /// leaves may be narrower.
     fn coarsest_edge(&self, truncation: &Truncation, leaf: &ElevationLeaf) -> u8 {
         let finest = truncation.colors_of(leaf).iter().map(|color| color.node.q()).min().unwrap_or(leaf.node.q());
-        finest + self.most
+        finest + self.most - self.surface.lag()
     }
 }

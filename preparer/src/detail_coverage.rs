@@ -51,7 +51,7 @@ fn is_as_wanted(tree: &FrameTree, leaf: &ColorLeaf) -> bool {
 /// The elevation tile of a node, or of its nearest ancestor that has one.
 fn heights_of<'t>(world: &World, tiles: &'t impl Tiles, node: NodeId) -> Option<(NodeId, &'t [f32])> {
     let posts = (world.elevation_posts() as usize).pow(2);
-    (node.q()..world.levels()).map(|q| node.ancestor(q)).find_map(|above| {
+    (node.q()..world.levels()).map(|q| world.surface().ancestor(node, q)).find_map(|above| {
         let heights = tiles.elevation(above)?.get(..posts)?;
         Some((above, heights))
     })
@@ -67,38 +67,33 @@ struct View<'a> {
 impl View<'_> {
     /// The area on screen of a node's ground with these heights, from `n` times `n` samples.
     fn area_px(&self, node: NodeId, tile: NodeId, posts: &[f32], n: u32) -> f64 {
-        let corner = |node| DVec2::from_array(self.world.node_origin(node).map(|v| v as f64));
-        let (corner, tile_corner) = (corner(node), corner(tile));
-        let (surface, side) = (self.world.surface(), self.world.node_side(node.q()) as f64);
-        let spacing = f64::from(1u32 << tile.q().min(31));
+        let surface = self.world.surface();
+        let frame = surface.seen_by(self.camera.eye(), self.axes[2]);
         let (cells, row) = (self.world.elevation_tile(), self.world.elevation_posts() as usize);
-        let (step, focal) = (side / f64::from(n), self.camera.focal_px());
+        let focal = self.camera.focal_px();
         let plane = self.camera.picture_plane();
         let ([tan_x, tan_y], middle) = (plane.half(), plane.middle_x());
         let [right, up, forward] = self.axes;
-        let eye = self.camera.eye();
         let mut sum = 0.0;
         for k in 0..n * n {
-            let at = corner + (DVec2::new(f64::from(k % n), f64::from(k / n)) + 0.5) * step;
-            let extent = DVec2::from_array(self.world.extent().map(f64::from));
-            if at.cmpge(extent).any() {
-                continue;
-            }
+            let share = (DVec2::new(f64::from(k % n), f64::from(k / n)) + 0.5) / f64::from(n);
+            let Some((foot, area_m2)) = surface.foot_in_node(node, share) else { continue };
             // The post to the south west is close enough.
-            let place = (at - tile_corner) / spacing;
+            let place = surface.place_in_node(foot, tile);
             let [i, j] = [place.x, place.y].map(|v| CellPosition::within(v, cells).cell as usize);
             let height = posts.get(j * row + i).copied().unwrap_or(0.0);
-            let point = surface.position(surface.foot_of_lattice(at), self.exaggeration * f64::from(height));
-            let to_point = point - eye;
+            let point = surface.position(foot, self.exaggeration * f64::from(height));
+            let to_point = frame.way_to(point);
             let depth = to_point.dot(forward);
             let (across, above) = (to_point.dot(right) - middle * depth, to_point.dot(up));
             let is_seen = depth > 0.0 && across.abs() <= tan_x * depth && above.abs() <= tan_y * depth;
             if is_seen {
                 // A step on level ground covers f²·A·|dz| / depth³ pixels.
-                sum += to_point.dot(surface.up(point)).abs().max(LEAST_SLANT * to_point.length()) / depth.powi(3);
+                let rise = frame.rise_of(point, to_point).abs().max(LEAST_SLANT * to_point.length());
+                sum += area_m2 * rise / depth.powi(3);
             }
         }
-        sum * (step * surface.unit_m() * focal).powi(2)
+        sum * (focal / f64::from(n)).powi(2)
     }
 }
 
@@ -127,7 +122,7 @@ mod tests {
         let area = |node, n| view.area_px(node, world.root(), &[50.0; 25], n);
         let whole = area(world.root(), 64);
         assert!((whole - 10_000.0).abs() < 800.0, "{whole}");
-        let parts: f64 = (0..4).filter_map(|i| world.root().child(i)).map(|child| area(child, 32)).sum();
+        let parts: f64 = world.children(world.root()).map(|child| area(child, 32)).sum();
         assert!((whole - parts).abs() < 1e-6, "{whole} {parts}");
     }
 }

@@ -125,9 +125,8 @@ impl FrameTree {
     #[must_use]
     pub fn is_near_to_far(&self, eye: DVec3, other: DVec3) -> bool {
         let surface = self.world.surface();
-        let nearest = |node: &FrameNode, eye: DVec3| surface.near_to_far(node.id, eye)[0];
         let mut split = self.nodes.iter().filter(|node| node.child_count > 0);
-        surface.foot(eye) == surface.foot(other) || split.all(|node| nearest(node, eye) == nearest(node, other))
+        surface.foot(eye) == surface.foot(other) || split.all(|node| surface.is_same_order(node.id, eye, other))
     }
 
     /// Reads and checks a tree. An empty tree is a frame in which nothing is visible.
@@ -161,7 +160,8 @@ impl FrameTree {
     }
 
     fn id(&self, index: u32, node: &TreeNode) -> Result<NodeId, TreeError> {
-        let id = node.id().filter(|id| self.world.contains(*id));
+        let exists = |id: &NodeId| self.world.contains(*id) || index == 0 && self.world.is_crown(*id);
+        let id = node.id().filter(exists);
         id.ok_or(TreeError::NotANode { index, found: node.node })
     }
 
@@ -200,11 +200,12 @@ impl FrameTree {
             let children = children.ok_or(TreeError::Children { index, found: node.first_child, expected: next })?;
             next += children.len() as u32;
             let mut seen = 0u8;
+            let family = self.world.surface().children(id);
             for at in children.rev() {
                 let child = &mut self.nodes[at as usize];
                 child.parent = index;
-                let bit = 1u8 << ((child.id.m() & 1) | (child.id.n() & 1) << 1);
-                if child.id.q() >= id.q() || child.id.parent() != id || seen & bit != 0 {
+                let bit = family.number(child.id).map_or(0, |number| 1u8 << number);
+                if bit == 0 || seen & bit != 0 {
                     return Err(TreeError::NotAChild { parent: id, child: child.id });
                 }
                 seen |= bit;

@@ -14,7 +14,6 @@ use terravision_common::database::Layer;
 use terravision_common::ids::SlotKey;
 use terravision_common::node::NodeId;
 use terravision_common::node_table::NodeTable;
-use terravision_common::surface::SIDES;
 use terravision_common::world::World;
 
 /// The place of a tile in the colour pool.
@@ -52,6 +51,38 @@ pub struct Seams {
     pub edges: [u8; 4],
     /// At the south west, south east, north west and north east corner.
     pub corners: [u8; 4],
+    /// The edge that is a pole, south (2) or north (3), and the level of the coarsest leaf around it.
+    pub pole: Option<(usize, u8)>,
+}
+
+impl Seams {
+    /// The level of the coarsest leaf that touches points inside each edge. All of an edge at a pole is
+    /// one point.
+    #[must_use]
+    pub fn floors(&self) -> [u8; 4] {
+        let mut floors = self.edges;
+        if let Some((side, level)) = self.pole {
+            floors[side] = level;
+        }
+        floors
+    }
+
+    /// The same at the corners.
+    #[must_use]
+    pub fn corner_floors(&self) -> [u8; 4] {
+        let mut floors = self.corners;
+        if let Some((side, level)) = self.pole {
+            let first = 2 * (side - 2);
+            floors[first..first + 2].fill(level);
+        }
+        floors
+    }
+}
+
+/// The axis along which an edge runs: north for the west and the east, east for the others.
+#[must_use]
+pub fn along(side: usize) -> usize {
+    usize::from(side < 2)
 }
 
 /// An elevation leaf that is drawn.
@@ -68,13 +99,6 @@ pub struct ElevationLeaf {
     /// Its place among [`Truncation::elevation_nodes`].
     pub tile: u32,
     index: u32,
-}
-
-impl ElevationLeaf {
-    /// log2 of the longest step of its four edges.
-    fn most_snap(&self) -> u8 {
-        self.seams.edges.into_iter().max().unwrap_or(0).saturating_sub(self.node.q())
-    }
 }
 
 /// A colour leaf that is drawn.
@@ -107,6 +131,8 @@ pub struct Truncation {
     elevation_nodes: Vec<NodeId>,
     color_leaves: Vec<ColorLeaf>,
     node_count: u32,
+    /// The level of the coarsest leaf at the south pole and at the north pole of a body.
+    at_poles: [u8; 2],
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -131,6 +157,7 @@ impl Truncation {
             elevation_nodes: Vec::with_capacity(nodes),
             color_leaves: Vec::with_capacity(nodes),
             node_count: 0,
+            at_poles: [0; 2],
         }
     }
 
@@ -185,12 +212,19 @@ impl Truncation {
             self.is_blocked.push(false);
         }
         let Some(root) = tree.nodes.first() else { return Ok(()) };
-        let missing = |layer| RootMissing { tile: Tile { layer, node: root.id } };
-        let root_color = self.colors[0].ok_or(missing(Layer::Color))?;
-        if !self.is_there[0] {
-            return Err(missing(Layer::Elevation));
+        // The crown of a body has no tiles; all of its children are roots.
+        let roots = if self.world.is_crown(root.id) { root.children() } else { 0..1 };
+        let mut first_color = None;
+        for at in roots {
+            let node = tree.nodes[at].id;
+            let missing = |layer| RootMissing { tile: Tile { layer, node } };
+            let key = self.colors[at].ok_or(missing(Layer::Color))?;
+            if !self.is_there[at] {
+                return Err(missing(Layer::Elevation));
+            }
+            first_color.get_or_insert(ColorPlace { node, key });
         }
-        let color = ColorPlace { node: root.id, key: root_color };
+        let Some(color) = first_color else { return Ok(()) };
         loop {
             self.collect(tree, color);
             if self.meet(tree) {
@@ -222,7 +256,7 @@ impl Truncation {
             // A node that is cut above its elevation leaves becomes one.
             if node.is_elevation_leaf || (!is_expanded && node.wants_elevation) {
                 let first = self.color_leaves.len() as u32;
-                let seams = Seams { edges: [node.id.q(); 4], corners: [node.id.q(); 4] };
+                let seams = Seams { edges: [node.id.q(); 4], corners: [node.id.q(); 4], pole: None };
                 let (first_color_leaf, end_color_leaf) = (first, first);
                 let leaf = ElevationLeaf { node: node.id, seams, first_color_leaf, end_color_leaf, tile, index };
                 // The table has room for every node of a tree.
@@ -249,11 +283,12 @@ impl Truncation {
     fn meet(&mut self, tree: &FrameTree) -> bool {
         let most = self.world.elevation_tile().ilog2() as u8;
         let mut is_bridged = true;
+        self.find_poles();
         for at in 0..self.elevation_leaves.len() {
             let seams = self.seams(self.elevation_leaves[at].node);
             self.elevation_leaves[at].seams = seams;
             let leaf = self.elevation_leaves[at];
-            let snap = leaf.most_snap();
+            let snap = self.most_snap(leaf.node);
             if snap > most {
                 self.block(tree, leaf.index, leaf.node.q() + snap - most);
                 is_bridged = false;
@@ -282,30 +317,72 @@ impl Truncation {
     }
 
     /// The elevation leaves across the west, east, south and north edge of a leaf, by index, where
-    /// they are not finer than the leaf.
+    /// there is one that is as long as the leaf's edge.
     #[must_use]
     pub fn neighbors(&self, node: NodeId) -> [Option<u32>; 4] {
-        SIDES.map(|(east, north)| self.leaf_at(node, east, north))
+        [0, 1, 2, 3].map(|side| match self.leaves_across(node, side) {
+            (1, [leaf, _]) => leaf,
+            (_, [leaf, other]) => leaf.filter(|_| leaf == other),
+        })
+    }
+
+    /// How many nodes of a level are across an edge, none, one, or two of half its length; and the
+    /// elevation leaves that cover them, `None` where finer leaves do, or none.
+    #[must_use]
+    pub fn leaves_across(&self, node: NodeId, side: usize) -> (usize, [Option<u32>; 2]) {
+        let exists = |id: &NodeId| self.world.contains(*id);
+        let across = self.world.surface().across(node, side).map(|id| id.filter(exists));
+        (across.iter().flatten().count(), across.map(|id| id.and_then(|id| self.leaf_at(id))))
     }
 
     fn seams(&self, node: NodeId) -> Seams {
         let leaves = &self.elevation_leaves;
-        let level = |east, north| self.leaf_at(node, east, north).map_or(node.q(), |at| leaves[at as usize].node.q());
-        let edges = SIDES.map(|(east, north)| level(east, north));
+        let surface = self.world.surface();
+        let level = |across: [Option<u32>; 2]| {
+            across.into_iter().flatten().map(|at| leaves[at as usize].node.q()).fold(node.q(), u8::max)
+        };
+        let edges = [0, 1, 2, 3].map(|side| level(self.leaves_across(node, side).1));
+        let corner = |east, north| {
+            let across = surface.across_corner(node, east, north);
+            level(across.map(|id| id.filter(|id| self.world.contains(*id)).and_then(|id| self.leaf_at(id))))
+        };
         let [west, east, south, north] = edges;
         let corners = [
-            level(-1, -1).max(south).max(west),
-            level(1, -1).max(south).max(east),
-            level(-1, 1).max(north).max(west),
-            level(1, 1).max(north).max(east),
+            corner(-1, -1).max(south).max(west),
+            corner(1, -1).max(south).max(east),
+            corner(-1, 1).max(north).max(west),
+            corner(1, 1).max(north).max(east),
         ];
-        Seams { edges, corners }
+        let pole = surface.pole_of(node).map(|side| (side, self.at_poles[side - 2].max(node.q())));
+        Seams { edges, corners, pole }
     }
 
-    /// The elevation leaf that covers the neighbouring node of the same level; `None` when finer
-    /// leaves cover it, or none.
-    fn leaf_at(&self, node: NodeId, east: i32, north: i32) -> Option<u32> {
-        let mut id = self.world.neighbor(node, east, north)?;
+    /// Finds the coarsest leaf at each pole: all leaves around it share that point.
+    fn find_poles(&mut self) {
+        self.at_poles = [0; 2];
+        for leaf in &self.elevation_leaves {
+            if let Some(side) = self.world.surface().pole_of(leaf.node) {
+                let level = &mut self.at_poles[side - 2];
+                *level = leaf.node.q().max(*level);
+            }
+        }
+    }
+
+    /// log2 of the longest step of the four edges of a leaf, in its own posts.
+    fn most_snap(&self, node: NodeId) -> u8 {
+        let surface = self.world.surface();
+        let own = surface.log_steps(node);
+        let leaves = self.neighbors(node).into_iter().enumerate();
+        let snaps = leaves.filter_map(|(side, leaf)| {
+            let axis = along(side);
+            let step = surface.log_steps(self.elevation_leaves[leaf? as usize].node)[axis];
+            Some(step.saturating_sub(own[axis]))
+        });
+        snaps.max().unwrap_or(0)
+    }
+
+    /// The elevation leaf that covers a node; `None` when finer leaves cover it, or none.
+    fn leaf_at(&self, mut id: NodeId) -> Option<u32> {
         loop {
             if let Some(at) = self.table.get(id) {
                 return Some(at);
@@ -313,7 +390,7 @@ impl Truncation {
             if id.q() + 1 >= self.world.levels() {
                 return None;
             }
-            id = id.parent();
+            id = self.world.surface().parent(id);
         }
     }
 }

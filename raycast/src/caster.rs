@@ -6,7 +6,7 @@ use crate::exact::{CHUNK, ExactRays, Follower, HighestSeen, Projected, Target};
 use crate::lines::Lines;
 use crate::model::Ground;
 use crate::picture::Picture;
-use crate::proof::steepness::Surface;
+use crate::proof::steepness::Plane;
 use crate::proof::{StartRule, Steepness};
 use crate::scene::{Placed, Scene};
 use crate::shade::strip::{Line, Strips};
@@ -147,7 +147,7 @@ impl Caster {
         let plane = ground.shape().surface;
         let on_lattice = plane.lattice_of_foot(plane.foot(eye)).to_array();
         let above_datum = plane.height_above(eye, ground.datum_m()) as f32;
-        let surface = if method == Method::Coherent { Surface::Voxels } else { Surface::Facets };
+        let surface = if method == Method::Coherent { Plane::Voxels } else { Plane::Facets };
         let mut steepness = std::mem::take(&mut self.steepness);
         steepness.set(ground, on_lattice, above_datum, surface);
         let counts = self.draw_by(&steepness, task);

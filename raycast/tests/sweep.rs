@@ -21,14 +21,14 @@ fn options() -> CastOptions {
 }
 
 /// The surface that is sampled: its cells a side, and its height at a place.
-struct Surface<'a> {
+struct Plane<'a> {
     cells: usize,
     at: &'a dyn Fn(DVec2) -> Option<f64>,
 }
 
 /// The lowest and the highest ground around a place, no further away than `radius_m`, and whether
 /// the world ends there.
-fn around(field: &Surface<'_>, place: DVec2, radius_m: f64) -> ([f64; 2], bool) {
+fn around(field: &Plane<'_>, place: DVec2, radius_m: f64) -> ([f64; 2], bool) {
     let (mut low, mut high, mut is_border) = (f64::INFINITY, f64::NEG_INFINITY, false);
     let mut look = |at: DVec2| match (field.at)(at) {
         Some(height) => {
@@ -53,7 +53,7 @@ fn around(field: &Surface<'_>, place: DVec2, radius_m: f64) -> ([f64; 2], bool) 
 }
 
 /// Whether a ray comes over the ground lower than its edge: it goes on under it.
-fn is_under_edge(field: &Surface<'_>, eye: DVec3, direction: DVec3, focal: f64) -> bool {
+fn is_under_edge(field: &Plane<'_>, eye: DVec3, direction: DVec3, focal: f64) -> bool {
     let end = field.cells as f64 * UNIT_M;
     let (mut entry, mut exit) = (0.0f64, f64::INFINITY);
     for axis in 0..2 {
@@ -74,7 +74,7 @@ fn is_under_edge(field: &Surface<'_>, eye: DVec3, direction: DVec3, focal: f64) 
 /// Pixels that show what is further than a step from what plain rays could meet: ground that is not
 /// there, or ground behind ground. Every fifth pixel of pose `seed` is looked at; of thousands of
 /// poses fewer, other ones of each.
-fn strays(field: &Surface<'_>, camera: &Camera, depths: &[f32], seed: u64) -> Vec<String> {
+fn strays(field: &Plane<'_>, camera: &Camera, depths: &[f32], seed: u64) -> Vec<String> {
     let every = if poses().end > 1000 { 29 } else { 5 };
     let eye = camera.eye();
     let focal = camera.focal_px();
@@ -169,7 +169,7 @@ fn no_pixel_is_further_than_a_step_from_the_ground_and_none_is_left_out() {
         assert!(!picture.rgba().any(is_unset), "pose {seed}: a pixel is left out");
         let depths: Vec<f32> = picture.depth().collect();
         assert!(depths.iter().all(|depth| depth.is_nan() || *depth > 0.0), "pose {seed}");
-        let surface = Surface { cells: field.cells, at: &|place| field.at(place.x, place.y) };
+        let surface = Plane { cells: field.cells, at: &|place| field.at(place.x, place.y) };
         let strays = strays(&surface, &camera, &depths, seed);
         assert!(strays.is_empty(), "pose {seed}, {camera:?}: {} strays, the first: {}", strays.len(), strays[0]);
     }
@@ -207,7 +207,7 @@ fn a_loop_leaves_no_pixel_out_and_shows_the_ground_that_is_there() {
         let sky = depths.iter().filter(|depth| depth.is_nan()).count();
         assert!(angle != 90.0 || sky == depths.len(), "straight up there is sky alone, {sky} pixels");
         assert!(angle != 270.0 || sky == 0, "straight down there is ground alone, {sky} pixels of sky");
-        let surface = Surface { cells: field.cells, at: &|place| field.at(place.x, place.y) };
+        let surface = Plane { cells: field.cells, at: &|place| field.at(place.x, place.y) };
         let strays = strays(&surface, &camera, &depths, 0);
         assert!(strays.is_empty(), "{angle} degrees: {} strays, the first: {}", strays.len(), strays[0]);
     }
@@ -244,7 +244,7 @@ fn levels_in_place_are_swept_as_near_to_the_surface_that_they_blend_to() {
         pooled.fill(ground, &camera, post_px, |_, _| false);
         let (_, depths) = draw_in_place(&mut caster, pooled, ground, &camera);
         let at = |place: DVec2| pooled.at(&camera, post_px, place);
-        let strays = strays(&Surface { cells: 128, at: &at }, &camera, &depths, seed);
+        let strays = strays(&Plane { cells: 128, at: &at }, &camera, &depths, seed);
         assert!(strays.is_empty(), "pose {seed}, {camera:?}: {} strays, the first: {}", strays.len(), strays[0]);
     }
 }

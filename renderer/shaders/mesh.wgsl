@@ -4,12 +4,13 @@
 struct Frame {
     // Rows of the matrix that takes a position relative to the eye to clip coordinates (z is the constant `near`).
     clip_x: vec3<f32>,
+    // Of a body: the eye's height above the ellipsoid.
     unit_m: f32,
     clip_y: vec3<f32>,
     near_m: f32,
     clip_w: vec3<f32>,
     posts_reciprocal: f32,
-    // Eye within its lattice cell, metres.
+    // Eye within its lattice cell, metres; of a body, sine and cosine of the eye's latitude.
     eye_in_cell_m: vec2<f32>,
     // The world's last lattice point, from the eye's cell.
     extent_from_cell: vec2<i32>,
@@ -22,15 +23,16 @@ struct Frame {
 }
 
 struct Tile {
-    // Lower left corner of the elevation leaf, lattice units from the eye's cell.
+    // Lower left corner of the elevation leaf, lattice units from the eye's cell; of a body, where the terms of its columns
+    // and its rows begin.
     origin_from_cell: vec2<i32>,
-    // Lower left corner of the node whose colour tile is used, likewise.
+    // Lower left corner of the node whose colour tile is used, likewise; of a body, in posts of the leaf from its corner.
     color_origin_from_cell: vec2<i32>,
     // First value of the elevation array.
     array_start: u32,
     // Bits 0-7: level of the elevation leaf; then four bits each: snap of the west, east, south, north edge.
     level_and_snap: u32,
-    // Texture coordinates per lattice unit.
+    // Texture coordinates per lattice unit; of a body, per post, east.
     color_scale: f32,
     color_layer: u32,
     // First and last column (low half) and row (high half) of the block.
@@ -38,7 +40,8 @@ struct Tile {
     block_end: u32,
     // Colour of the block's outline, RGBA8.
     outline: u32,
-    reserved: u32,
+    // Of a body: texture coordinates per post, north.
+    color_scale_north: f32,
 }
 
 var<immediate> frame: Frame;
@@ -83,10 +86,10 @@ fn on_grid(clip: vec4<f32>) -> vec4<f32> {
 }
 
 fn vertex_of(tile: Tile, at: vec2<u32>) -> Vertex {
-    let lattice = min(tile.origin_from_cell + vec2<i32>(at << vec2(tile.level_and_snap & 0xffu)), frame.extent_from_cell);
     let height_m = elevations[tile.array_start + at.y * frame.posts + at.x] + frame.datum_m;
-    let from_eye = vertex_from_eye(lattice, height_m, frame.unit_m, frame.eye_in_cell_m);
-    let texel = vec2<f32>(lattice - tile.color_origin_from_cell) * tile.color_scale + frame.color_border;
+    let at_post = placed(tile, at, height_m);
+    let from_eye = at_post.from_eye;
+    let texel = at_post.texel + frame.color_border;
     var out: Vertex;
     out.position = on_grid(vec4(dot(frame.clip_x, from_eye), dot(frame.clip_y, from_eye), frame.near_m, dot(frame.clip_w, from_eye)));
     out.color_at = vec2(texel.x, 1.0 - texel.y);

@@ -88,7 +88,7 @@ impl Skirt {
     /// Whether any of a checked frame's views may see it.
     #[must_use]
     pub fn is_in_sight(&self, frame: &Frame) -> bool {
-        let surface = self.world.surface();
+        let surface = self.world.plane();
         frame.views.iter().any(|view| !surface.is_over(view.camera.eye()))
     }
 
@@ -104,7 +104,7 @@ impl Skirt {
         engine: &mut dyn Engine,
     ) -> Result<Vec<Border>, SourceError> {
         let mut borders = Vec::new();
-        let surface = self.world.surface();
+        let surface = self.world.plane();
         for view in frame.views.iter().filter(|view| !surface.is_over(view.camera.eye())) {
             let sides = if frame.elevations.is_empty() {
                 self.sides_of_arrays(view, frame, pools)?
@@ -124,7 +124,7 @@ impl Skirt {
         frame: &Frame,
         pools: &mut dyn Pools,
     ) -> Result<[Vec<Stretch>; 4], SourceError> {
-        let surface = self.world.surface();
+        let surface = self.world.plane();
         self.datum_m = surface.height_above(frame.pose.eye(), surface.height_m(view.camera.eye()));
         let mut sides: [Vec<Stretch>; 4] = Default::default();
         let mut position = None;
@@ -155,7 +155,7 @@ impl Skirt {
     fn follow(&self, tile: &TileSlot, axis: usize, at: u32, out: &mut Vec<Stretch>) {
         let (other, step) = (1 - axis, 1u32 << tile.grid_snap);
         let [first, last] = [tile.start[other], tile.end[other]].map(u32::from);
-        let surface = self.world.surface();
+        let surface = self.world.plane();
         let along = |k: u32| {
             let at = lattice(&self.world, tile, other, k).into();
             if other == 0 { surface.column(at) } else { surface.row(at) }
@@ -252,7 +252,7 @@ fn add_stretch(out: &mut Vec<Stretch>, ends: [f64; 2], heights: [f64; 2], cut: O
 /// Lattice coordinate of post `k` of a tile's array along an axis; posts past the extent lie on it.
 fn lattice(world: &World, tile: &TileSlot, axis: usize, k: u32) -> u32 {
     let past = u64::from(tile.elevation_origin[axis]) + (u64::from(k) << tile.elevation_level);
-    world.surface().canonical(axis, past) as u32
+    world.plane().canonical(axis, past) as u32
 }
 
 /// Which column or row of a tile's block lies on the world's west, east, south and north side.

@@ -4,6 +4,7 @@
 
 mod support;
 
+use glam::DVec3;
 use std::sync::Arc;
 use support::{Scene, camera, draw, draw_on, keep, node, options, world};
 use terravision_common::camera::Camera;
@@ -119,7 +120,11 @@ fn a_view_draws_the_tiles_that_it_may_see_and_has_the_same_bytes() {
     let frusta: Vec<_> = views.cameras().map(Frustum::new).collect();
     let mark = |tile: &mut TileSlot| {
         let bounds = world.surface().node_bounds(tile.node().unwrap(), [-100.0, 100.0]);
-        tile.unseen_by = (0..2).map(|view| u8::from(!frusta[view].may_see(&bounds)) << view).sum();
+        let sees = |view: usize| {
+            let frame = world.surface().seen_by(views[view].camera.eye(), DVec3::Y);
+            frusta[view].may_see(&frame.box_from_eye(&bounds))
+        };
+        tile.unseen_by = (0..2).map(|view| u8::from(!sees(view)) << view).sum();
     };
     let size = [0, 1].map(|axis| views.iter().map(|view| view.size()[axis]).max().unwrap());
     let bounds = Some(ViewBounds { size, count: 2 });

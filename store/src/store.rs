@@ -95,7 +95,7 @@ impl Store {
             }
             (folder, _) => Backend::Local(Arc::new(Database::open(folder.unwrap_or(Path::new(".")))?)),
         };
-        let root = backend.index().world().root();
+        let root = backend.index().world().coarsest_level();
         let (vital, _) = top_levels(backend.index().world());
         let failed = NegativeCache::new(options.failed_tiles, root, vital);
         Ok(Self { location: location.clone(), log, failed, backend })

@@ -141,7 +141,7 @@ impl<'a> Ground<'a> {
     /// How far a ray goes on from a place, in depth, over the largest node around it all of whose
     /// ground is below; `None` where there is no such node.
     fn way_above_ground(&self, at: DVec3, ray: DVec3, level: u8) -> Option<f64> {
-        let surface = self.world.surface();
+        let surface = self.world.plane();
         let foot = self.world.crs_frame().foot(at.truncate());
         (level..self.world.levels()).rev().find_map(|q| {
             let node = surface.node_at(foot, q)?;

@@ -102,15 +102,14 @@ impl Grid {
     fn of_posts(world: &World) -> Self {
         let level = world.finest_elevation_level();
         let [columns, rows] = world.extent().map(|units| (units >> level) as usize + 1);
-        Self { columns, rows, step_m: world.surface().spacing_m(level), level, side: world.elevation_tile() as usize }
+        Self { columns, rows, step_m: world.plane().spacing_m(level), level, side: world.elevation_tile() as usize }
     }
 
     /// Texels, up to the one that holds the border.
     fn of_texels(world: &World) -> Self {
         let level = world.finest_color_level();
-        let step_m = world.surface().node_side_m(level) / f64::from(world.color_tile());
-        let [columns, rows] =
-            world.surface().end().to_array().map(|end| (end / step_m - 1e-6).ceil().max(1.0) as usize);
+        let step_m = world.plane().node_side_m(level) / f64::from(world.color_tile());
+        let [columns, rows] = world.plane().end().to_array().map(|end| (end / step_m - 1e-6).ceil().max(1.0) as usize);
         Self { columns, rows, step_m, level, side: world.color_tile() as usize }
     }
 
@@ -149,7 +148,7 @@ fn finest(
 }
 
 fn read_heights(database: &Database, grid: &Grid) -> Result<(Vec<f32>, Vec<bool>), TileError> {
-    let (world, surface) = (database.world(), database.world().surface());
+    let world = database.world();
     let mut scratch = TileScratch::default();
     let mut values = vec![0f32; world.elevation_values()];
     let mut heights = vec![0f32; grid.columns * grid.rows];
@@ -164,7 +163,7 @@ fn read_heights(database: &Database, grid: &Grid) -> Result<(Vec<f32>, Vec<bool>
         for j in rows {
             for i in columns.clone() {
                 let foot = DVec2::new(i as f64, j as f64) * grid.step_m;
-                let ground = node_ground(&surface, found, &values, foot);
+                let ground = node_ground(world.surface(), found, &values, foot);
                 heights[j * grid.columns + i] = ground.height_m as f32;
                 if let Some(is_ground) = is_ground.get_mut(j * grid.columns + i) {
                     *is_ground = ground.validity != Validity::Hole;

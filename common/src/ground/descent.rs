@@ -4,9 +4,8 @@ use super::NoGround;
 use super::tiles::{GroundScratch, GroundTiles, TileAt};
 use crate::database::Layer;
 use crate::node::NodeId;
-use crate::surface::LatticePoint;
-use crate::surface::WorldBox;
 use crate::surface::facet::FACET_CORNERS;
+use crate::surface::{LatticePoint, NodeBounds};
 use crate::validity::{GROUND_PLANE, HALF, PLANES};
 use glam::DVec3;
 use std::cmp::Ordering;
@@ -15,7 +14,7 @@ use std::collections::BinaryHeap;
 /// A straight way through the world, of a point or a sphere.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Way {
-    /// Where it begins, world coordinates.
+    /// Where it begins, in the space in which it is straight.
     pub(super) start: DVec3,
     /// To its end.
     pub(super) way: DVec3,
@@ -84,6 +83,12 @@ impl Ord for Step {
 }
 
 impl GroundTiles<'_> {
+    /// The straight way from one position to another.
+    pub(super) fn way(&self, from: DVec3, to: DVec3, margin: f64) -> Way {
+        let [start, end] = [from, to].map(|position| self.world.surface().straight(position));
+        Way { start, way: end - start, margin }
+    }
+
     /// Goes through the facets that a way may meet, until no other can be met earlier. `meet` says
     /// where the way meets one, as a share of the way, and what is to be known of it.
     ///
@@ -111,9 +116,8 @@ impl GroundTiles<'_> {
                     self.push_cells(&tiles, Part::Cells { tile: tiles.len() - 1, corner, side }, way, &mut steps);
                 }
                 Part::Node(node) => {
-                    (0..4)
-                        .filter_map(|index| node.child(index))
-                        .for_each(|child| self.push_node(child, way, &mut steps));
+                    let children = self.world.surface().children(node);
+                    children.iter().for_each(|child| self.push_node(child, way, &mut steps));
                 }
                 Part::Cells { tile, corner, side: 1 } => {
                     for facet in self.facets(&tiles[tile], corner, way) {
@@ -161,26 +165,23 @@ impl GroundTiles<'_> {
         });
         let [lowest, highest] =
             posts.fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], z| [low.min(*z), high.max(*z)]);
-        let origin = surface.node_origin(*node);
-        let low = [origin[0] + (u64::from(x) << node.q()), origin[1] + (u64::from(y) << node.q())];
         // Posts of a tile that reaches beyond the world are no ground there.
-        if (0..2).any(|axis| low[axis] >= u64::from(surface.extent()[axis])) {
-            return;
+        let heights = [lowest.into(), highest.into()];
+        if let Some(bounds) = surface.cells_bounds(*node, [x, y], side, heights) {
+            push(&bounds, way, part, steps);
         }
-        let high = low.map(|v| v + (u64::from(side) << node.q()));
-        push(&surface.lattice_bounds(low, high, [lowest.into(), highest.into()]), way, part, steps);
     }
 
     /// The two facets of a cell.
     fn facets(&self, tile: &TileAt, [x, y]: [u32; 2], way: &Way) -> [Facet; 2] {
         let surface = self.world.surface();
         let stride = surface.cells() as usize + 1;
-        let origin = surface.node_origin(tile.node);
+        let [columns, rows] = surface.post_lines(tile.node);
         let south_west = y as usize * stride + x as usize;
         let posts = [south_west, south_west + 1, south_west + stride, south_west + stride + 1];
         let corners = [[0, 0], [1, 0], [0, 1], [1, 1]].map(|[east, north]| LatticePoint {
-            x: origin[0] + (u64::from(x + east) << tile.node.q()),
-            y: origin[1] + (u64::from(y + north) << tile.node.q()),
+            x: columns.post(x + east).cast_unsigned(),
+            y: rows.post(y + north).cast_unsigned(),
         });
         let plane = stride * stride;
         let has_shares = tile.values.len() >= PLANES * plane;
@@ -192,7 +193,7 @@ impl GroundTiles<'_> {
     }
 }
 
-fn push(bounds: &WorldBox, way: &Way, part: Part, steps: &mut BinaryHeap<Step>) {
+fn push(bounds: &NodeBounds, way: &Way, part: Part, steps: &mut BinaryHeap<Step>) {
     if let Some(share) = bounds.met_by(way.start, way.way, way.margin) {
         steps.push(Step { share, part });
     }

@@ -27,7 +27,7 @@ pub fn ground_at(
     loop {
         let Some(node) = surface.node_at(foot, q) else { return Ok(None) };
         match source.read_elevation(node, &mut values, scratch) {
-            Ok(()) => return Ok(Some(node_ground(&surface, node, &values, foot))),
+            Ok(()) => return Ok(Some(node_ground(surface, node, &values, foot))),
             // A sparse level without a tile here.
             Err(TileError::Missing { .. }) if q < world.complete_level() => q += 1,
             Err(error) => return Err(error),

@@ -80,8 +80,8 @@ impl GroundTiles<'_> {
 
     fn sample_of(&self, tile: &TileAt, foot: DVec2, interpolation: Interpolation) -> Answer<GroundSample> {
         let surface = self.world.surface();
-        let found = node_ground_with_slope(&surface, tile.node, &tile.values, foot, interpolation);
-        let normal = surface.normal(foot, tile.node.q(), found.slope);
+        let found = node_ground_with_slope(surface, tile.node, &tile.values, foot, interpolation);
+        let normal = surface.normal(foot, tile.node, found.slope);
         Answer { found: GroundSample { ground: found.ground, normal }, is_finest: tile.is_finest }
     }
 }

@@ -1,6 +1,5 @@
 //! Lines of sight.
 
-use super::descent::Way;
 use super::tiles::{GroundScratch, GroundTiles};
 use super::triangle::crossing;
 use super::{Answer, Interpolation, NoGround};
@@ -57,11 +56,11 @@ impl GroundTiles<'_> {
             // The line enters the ground before.
             (End::Below, is_finest) => (to, is_finest),
         };
-        let way = Way { start, way: end - start, margin: 0.0 };
+        let way = self.way(start, end, 0.0);
         let mut looked = GroundScratch::default();
         let descent = self.first_met(&way, scratch, |facet| {
             let share = crossing(facet.corners, way.way).filter(|_| facet.has_ground)?;
-            let at = start + way.way * share;
+            let at = surface.of_straight(way.start + way.way * share);
             self.is_ground(at, &mut looked).then_some((share, at))
         })?;
         let is_finest = is_finest && is_end_finest && descent.is_finest;

@@ -1,6 +1,5 @@
 //! Spheres that move along straight ways.
 
-use super::descent::Way;
 use super::tiles::{GroundScratch, GroundTiles};
 use super::triangle::touch;
 use super::{Answer, Interpolation, NoGround};
@@ -50,7 +49,7 @@ impl GroundTiles<'_> {
             Err(NoGround::Unreadable) => return Err(NoGround::Unreadable),
             _ => {}
         }
-        let way = Way { start: from, way: to - from, margin: radius_m };
+        let way = self.way(from, to, radius_m);
         let descent = self.first_met(&way, scratch, |facet| {
             let (share, contact) = touch(facet.corners, way.way, radius_m).filter(|_| facet.has_ground)?;
             let up = (facet.corners[1] - facet.corners[0]).cross(facet.corners[2] - facet.corners[0]);
@@ -60,7 +59,9 @@ impl GroundTiles<'_> {
             let center = way.way * share;
             // A sphere whose centre is on the ground is pushed out along the ground's normal.
             let normal = (center - contact).try_normalize().unwrap_or(up.normalize_or_zero());
-            Touch { share, center: from + center, contact: from + contact, normal }
+            let contact = surface.of_straight(way.start + contact);
+            let normal = surface.to_local(contact, normal);
+            Touch { share, center: surface.of_straight(way.start + center), contact, normal }
         });
         match found {
             None if !(surface.is_over(from) && surface.is_over(to)) => Err(NoGround::Outside),

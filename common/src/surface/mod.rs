@@ -30,22 +30,27 @@
 //! Invariant: a vertex's position depends only on its canonical lattice point, its height and the
 //! eye, so that edges that two leaves share are equal to the bit.
 
+mod any;
 mod bounds;
+mod device;
 mod direction;
 pub mod facet;
+mod frame;
 pub mod globe;
 mod lattice_point;
 mod plane;
+mod post_line;
 mod sight;
 pub mod tile;
 mod vertices;
 
+pub use any::{Across, Children, Column, Columns, MOST_CHILDREN, NodeBounds, Row, Surface};
 pub use bounds::WorldBox;
+pub use device::{BlockFault, DeviceEye, DrawnBlock};
 pub use direction::{direction, heading, level_right, look, pitch};
+pub use frame::{EyeBox, EyeFrame};
 pub use lattice_point::{LatticePoint, SIDES};
-pub use plane::{Column, CrsFrame, EyeCell, EyeFrame, EyeRow, Plane, Row};
+pub use plane::{CrsFrame, EyeCell, Plane, PlaneFrame, PlaneRow};
+pub use post_line::PostLine;
 pub use sight::Sight;
-pub use vertices::Vertices;
-
-/// The surface that worlds have.
-pub type Surface = Plane;
+pub use vertices::{VertexTerms, Vertices};

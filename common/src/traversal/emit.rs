@@ -39,8 +39,9 @@ impl Traversal {
             node.flags &= !COLOR_LEAF;
             node.first_child = stats.node_count;
             let first_pending = self.stack.len();
-            for index in self.world.surface().near_to_far(parent.id, search.level.frame().eye()) {
-                let Some(child) = parent.children[usize::from(index)] else { continue };
+            let (order, count) = self.world.surface().near_to_far(parent.id, search.level.frame().eye());
+            for index in &order[..count] {
+                let Some(child) = parent.children[usize::from(*index)] else { continue };
                 let found = &self.found[child.get() as usize];
                 if found.is_drawn {
                     out[stats.node_count as usize] = leaf_node(found, inherited);

@@ -28,7 +28,7 @@ use crate::level::{LevelFunction, deepest_color_below};
 use crate::node::{MAX_LEVEL, NodeId};
 use crate::node_table::NodeTable;
 use crate::rig::{MAX_VIEWS, Views};
-use crate::surface::{SIDES, Surface, WorldBox};
+use crate::surface::{EyeFrame, MOST_CHILDREN, NodeBounds, SIDES};
 use crate::tree::TreeNode;
 use crate::world::World;
 use std::num::NonZeroU32;
@@ -62,7 +62,7 @@ struct Found {
     id: NodeId,
     /// Lower bound of the elevation level over the node's box.
     bound: f64,
-    children: [Option<NonZeroU32>; 4],
+    children: [Option<NonZeroU32>; MOST_CHILDREN],
     is_split: bool,
     is_elevation_leaf: bool,
     /// Whether it or anything below it is drawn.
@@ -87,6 +87,7 @@ struct Full;
 #[derive(Clone, Copy)]
 struct ViewSight {
     frustum: Frustum,
+    frame: EyeFrame,
     /// For an eye beside the world, which sees the skirts at the world's border: the lowest ground,
     /// metres.
     skirt_low_m: Option<f64>,
@@ -94,10 +95,12 @@ struct ViewSight {
 
 /// Inputs of the search of a frame.
 struct Search<'a, R> {
-    surface: Surface,
+    world: World,
     sights: [Option<ViewSight>; MAX_VIEWS],
     level: &'a LevelFunction,
     ranges: &'a R,
+    /// The lowest ground of all, metres, exaggerated.
+    lowest_m: f64,
     /// Added to both wanted levels.
     coarser: f64,
 }
@@ -105,27 +108,34 @@ struct Search<'a, R> {
 impl<'a, R: HeightRanges> Search<'a, R> {
     fn new(views: &Views, level: &'a LevelFunction, ranges: &'a R, world: &World) -> Self {
         let surface = world.surface();
-        let lowest_m = node_box(world, ranges, level.exaggeration(), world.root()).map(|bounds| bounds.min.z);
+        let lows = world.roots().filter_map(|root| ranges.range(root)).map(|[low, high]| {
+            let [low, high] = [low, high].map(|z| level.exaggeration() * f64::from(z));
+            low.min(high)
+        });
+        let lowest_m = lows.reduce(f64::min);
         let mut sights = [None; MAX_VIEWS];
         for (sight, camera) in sights.iter_mut().zip(views.cameras()) {
             let skirt_low_m = lowest_m.filter(|_| !surface.is_over(camera.eye()));
-            *sight = Some(ViewSight { frustum: Frustum::new(camera), skirt_low_m });
+            let frame = surface.seen_by(camera.eye(), camera.axes_in_world()[2]);
+            *sight = Some(ViewSight { frustum: Frustum::new(camera), frame, skirt_low_m });
         }
-        Self { surface, sights, level, ranges, coarser: 0.0 }
+        Self { world: *world, sights, level, ranges, lowest_m: lowest_m.unwrap_or_default(), coarser: 0.0 }
     }
 
     /// Whether a node may be seen in any of the views, or its skirt if it lies on the world's
     /// border. (Its level depends only on its ground.)
-    fn may_see(&self, bounds: &WorldBox) -> bool {
-        let is_on_border = self.surface.reaches_border(bounds);
+    fn may_see(&self, bounds: &NodeBounds) -> bool {
         self.sights.iter().flatten().any(|sight| {
-            let low = sight.skirt_low_m.filter(|_| is_on_border);
-            sight.frustum.may_see(&low.map_or(*bounds, |low| bounds.down_to(low)))
+            let bounds = sight.skirt_low_m.map_or(*bounds, |low| bounds.with_skirt(low));
+            !sight.frame.is_behind_limb(&bounds, self.lowest_m)
+                && sight.frustum.may_see(&sight.frame.box_from_eye(&bounds))
         })
     }
 
+    /// Whether a node can be split.
     fn has_children(&self, layer: Layer, node: NodeId) -> bool {
-        self.ranges.has_children(layer, node)
+        self.world.is_crown(node)
+            || self.ranges.has_children(layer, node) && self.world.surface().children(node).iter().next().is_some()
     }
 }
 
@@ -176,7 +186,7 @@ impl Traversal {
         let mut at = 0;
         while at < self.found.len() {
             let Found { id, bound, .. } = self.found[at];
-            let is_too_coarse = f64::from(id.q()) > bound + search.coarser;
+            let is_too_coarse = f64::from(id.q()) > bound + search.coarser || self.world.is_crown(id);
             if is_too_coarse
                 && id.q() > self.world.finest_elevation_level()
                 && search.has_children(Layer::Elevation, id)
@@ -210,7 +220,14 @@ impl Traversal {
             return Err(Full);
         }
         let bound = search.level.elevation_bound(&bounds);
-        let node = Found { id, bound, children: [None; 4], is_split: false, is_elevation_leaf: false, is_drawn: false };
+        let node = Found {
+            id,
+            bound,
+            children: [None; MOST_CHILDREN],
+            is_split: false,
+            is_elevation_leaf: false,
+            is_drawn: false,
+        };
         self.found.push(node);
         self.table.insert(id, at as u32).map_err(|_value| Full)?;
         Ok(Some(at))
@@ -218,11 +235,10 @@ impl Traversal {
 
     fn split<R: HeightRanges>(&mut self, search: &Search<'_, R>, at: usize, capacity: usize) -> Result<(), Full> {
         self.found[at].is_split = true;
-        for index in 0..4u8 {
-            if let Some(child) = self.found[at].id.child(index) {
-                let child = self.add(search, child, capacity)?;
-                self.found[at].children[usize::from(index)] = child.and_then(|c| NonZeroU32::new(c as u32));
-            }
+        let children = self.world.surface().children(self.found[at].id);
+        for (index, child) in children.iter().enumerate() {
+            let child = self.add(search, child, capacity)?;
+            self.found[at].children[index] = child.and_then(|c| NonZeroU32::new(c as u32));
         }
         Ok(())
     }
@@ -234,10 +250,11 @@ impl Traversal {
         let mut at = 0;
         while at < self.found.len() {
             if !self.found[at].is_split {
-                for (east, north) in SIDES {
-                    if let Some(neighbor) = self.world.neighbor(self.found[at].id, east, north) {
-                        self.reach(search, neighbor.parent(), capacity)?;
-                    }
+                let (world, id) = (self.world, self.found[at].id);
+                for neighbor in (0..SIDES.len()).flat_map(|side| world.across(id, side)) {
+                    // Where a level is not there across the edge, the next coarser one is enough.
+                    let is_level = neighbor.q() == id.q();
+                    self.reach(search, if is_level { world.surface().parent(neighbor) } else { neighbor }, capacity)?;
                 }
             }
             at += 1;
@@ -255,7 +272,7 @@ impl Traversal {
                 if above.q() >= root.q() {
                     return Ok(());
                 }
-                above = above.parent();
+                above = self.world.surface().parent(above);
                 if let Some(found) = self.table.get(above) {
                     break found as usize;
                 }

@@ -3,7 +3,7 @@
 use crate::camera::Camera;
 use crate::database::{Layer, NodeRanges};
 use crate::node::NodeId;
-use crate::surface::WorldBox;
+use crate::surface::{EyeBox, NodeBounds};
 use crate::world::World;
 use glam::DVec3;
 
@@ -43,7 +43,10 @@ impl<R: HeightRanges + ?Sized> HeightRanges for &R {
 
 /// Box of a node, clipped to the extent, heights exaggerated; `None` when the node does not exist.
 #[must_use]
-pub fn node_box(world: &World, ranges: &impl HeightRanges, exaggeration: f64, node: NodeId) -> Option<WorldBox> {
+pub fn node_box(world: &World, ranges: &impl HeightRanges, exaggeration: f64, node: NodeId) -> Option<NodeBounds> {
+    if world.is_crown(node) {
+        return Some(NodeBounds::Everywhere);
+    }
     if !world.contains(node) {
         return None;
     }
@@ -72,7 +75,6 @@ const MAX_NORMALS: usize = 14;
 /// edge of each; all of them pass through the eye.
 #[derive(Debug, Clone, Copy)]
 pub struct Frustum {
-    eye: DVec3,
     normals: [DVec3; MAX_NORMALS],
     normal_count: usize,
 }
@@ -81,7 +83,7 @@ impl Frustum {
     /// The frustum of a valid camera.
     #[must_use]
     pub fn new(camera: &Camera) -> Self {
-        let mut frustum = Self { eye: camera.eye(), normals: [DVec3::ZERO; MAX_NORMALS], normal_count: 0 };
+        let mut frustum = Self { normals: [DVec3::ZERO; MAX_NORMALS], normal_count: 0 };
         for normal in camera.frustum_normals_in_world() {
             frustum.push(normal);
         }
@@ -109,10 +111,10 @@ impl Frustum {
         }
     }
 
-    /// Whether any part of the box is inside, or so close that rounding decides.
+    /// Whether any part of the box, relative to the camera's eye, is inside, or so close that rounding
+    /// decides.
     #[must_use]
-    pub fn may_see(&self, bounds: &WorldBox) -> bool {
-        let bounds = bounds.seen_from(self.eye);
+    pub fn may_see(&self, bounds: &EyeBox) -> bool {
         // The corner that is farthest along the normal is inside the plane.
         self.normals[..self.normal_count].iter().all(|normal| bounds.most_along(*normal) >= -TOLERANCE_M)
     }
@@ -122,6 +124,7 @@ impl Frustum {
 mod tests {
     use super::*;
     use crate::camera::CameraFields;
+    use crate::surface::WorldBox;
     use proptest::prelude::*;
 
     proptest! {
@@ -143,7 +146,7 @@ mod tests {
             let size = DVec3::from_array(log_size.map(f64::exp2));
             let min = visible - size * DVec3::from_array(inside);
             let bounds = WorldBox { min, max: min + size };
-            prop_assert!(Frustum::new(&camera).may_see(&bounds));
+            prop_assert!(Frustum::new(&camera).may_see(&EyeBox::Aligned(bounds.seen_from(camera.eye()))));
         }
     }
 
@@ -161,14 +164,15 @@ mod tests {
         })
         .expect("valid");
         let frustum = Frustum::new(&camera);
+        let sees = |bounds: &WorldBox| frustum.may_see(&EyeBox::Aligned(*bounds));
         let at = |x, y, z| WorldBox { min: DVec3::new(x, y, z) - 1.0, max: DVec3::new(x, y, z) + 1.0 };
-        assert!(frustum.may_see(&at(0.0, 50.0, 0.0)));
+        assert!(sees(&at(0.0, 50.0, 0.0)));
         for hidden in [at(0.0, -50.0, 0.0), at(50.0, 50.0, 0.0), at(-50.0, 50.0, 0.0), at(0.0, 50.0, 50.0)] {
-            assert!(!frustum.may_see(&hidden));
+            assert!(!sees(&hidden));
         }
         // Wide, far behind: no side plane has all of it outside, the plane of the eye has.
         let behind = WorldBox { min: DVec3::new(-1e4, -1e4, -1e4), max: DVec3::new(1e4, -1e3, 1e4) };
-        assert!(!frustum.may_see(&behind));
+        assert!(!sees(&behind));
     }
 
     #[test]
@@ -185,14 +189,15 @@ mod tests {
         })
         .expect("valid");
         let frustum = Frustum::new(&camera);
+        let sees = |bounds: &WorldBox| frustum.may_see(&EyeBox::Aligned(bounds.seen_from(camera.eye())));
         // The view goes below the ground some 200 m away; no plane of it has all of these boxes
         // outside.
         let ground = |min: [f64; 2], max: [f64; 2]| WorldBox {
             min: DVec3::new(min[0], min[1], 0.0),
             max: DVec3::new(max[0], max[1], 100.0),
         };
-        assert!(frustum.may_see(&ground([0.0, 0.0], [1e4, 1e4])));
-        assert!(!frustum.may_see(&ground([0.0, 300.0], [1e4, 1e4])));
-        assert!(!frustum.may_see(&ground([-1e4, 400.0], [1e4, 1e5])));
+        assert!(sees(&ground([0.0, 0.0], [1e4, 1e4])));
+        assert!(!sees(&ground([0.0, 300.0], [1e4, 1e4])));
+        assert!(!sees(&ground([-1e4, 400.0], [1e4, 1e5])));
     }
 }

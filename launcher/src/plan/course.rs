@@ -189,7 +189,7 @@ fn orbit_path(args: &CourseArgs, database: &Store, exaggeration: f64) -> Result<
         return Err(only_for_places("--lonlat"));
     }
     let world = database.world();
-    let spacing = world.surface().end().max_element() / 200.0;
+    let spacing = world.plane().end().max_element() / 200.0;
     let coarse = WorldGround::coarse(database, world, exaggeration, spacing).bounded(database.ranges());
     let extent = coarse.extent();
     let georeference = georeference(database);

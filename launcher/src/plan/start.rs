@@ -20,7 +20,7 @@ const DEFAULT_VFOV_DEG: f64 = 60.0;
 /// Bad input: a field of view that is out of range.
 pub fn start_pose(picture: &PictureArgs, database: &Store) -> Result<(ViewerPose, f64), Failure> {
     let world = database.world();
-    let spacing = world.surface().end().max_element() / 200.0;
+    let spacing = world.plane().end().max_element() / 200.0;
     let ground = WorldGround::coarse(database, world, picture.exaggeration, spacing).bounded(database.ranges());
     let wishes = OrbitWishes::usual(world.elevation_spacing_m(world.finest_elevation_level()));
     let orbit = orbit::orbit(&ground.extent(), &ground, &wishes);

@@ -75,7 +75,7 @@ impl FakeExecutor {
             is_decoding_held: false,
             jobs: vec![],
             ended: vec![],
-            failed: NegativeCache::new(failed_tiles, world().root(), top),
+            failed: NegativeCache::new(failed_tiles, world().coarsest_level(), top),
             begun: Instant::now(),
             now: 0,
         }

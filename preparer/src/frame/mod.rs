@@ -246,7 +246,7 @@ impl FrameMaker {
         );
         let mut tile_count = 0;
         for (at, leaf) in self.truncation.elevation_leaves().iter().enumerate() {
-            let snaps = self.decimation.snaps(at, leaf);
+            let snaps = self.decimation.snaps(&self.truncation, at, leaf);
             let (heights, culling) = (&mut self.heights, &mut self.culling);
             let position = out.array(&mut |values| {
                 heights.make(level, tiles, leaf, snaps.0, values)?;
@@ -293,9 +293,9 @@ impl FrameMaker {
 /// Height of the root's ground under the eye, metres, exaggerated; above every eye when nothing is
 /// drawn.
 fn ground_under_eye(world: &World, camera: &Camera, exaggeration: f64, tiles: &impl Tiles) -> f64 {
-    let (root, surface) = (world.root(), world.surface());
-    let under = surface.lattice_under(camera.eye());
-    let height = |posts| exaggeration * node_elevation(&surface, root, posts, under);
+    let root = world.root();
+    let under = world.plane().lattice_under(camera.eye());
+    let height = |posts| exaggeration * node_elevation(world.surface(), root, posts, under);
     tiles.elevation(root).map_or(f64::INFINITY, height)
 }
 
@@ -308,20 +308,14 @@ fn tile_slot(
     (grid_snap, edge_snap): (u8, [u8; 4]),
 ) -> TileSlot {
     let q = leaf.node.q();
-    let below = q - color.node.q();
-    let side = world.elevation_tile() >> below;
-    let from_leaf = |at: u32, leaf_at: u32| (at - (leaf_at << below)) * side;
-    let start = [from_leaf(color.node.m(), leaf.node.m()), from_leaf(color.node.n(), leaf.node.n())];
+    let [start, sides] = world.surface().block_of(leaf.node, color.node);
     let origin = world.node_origin(leaf.node);
     // Vertices beyond the extent collapse onto it: facets past the first of them are degenerate,
     // unless an edge snaps, which needs the vertices that it snaps to. The step of an edge is never
     // finer than that of the leaf.
     let step = 1u64 << edge_snap.into_iter().max().unwrap_or(0);
-    let inside = world.surface().cells_inside(origin, q);
-    let end = [0, 1].map(|axis| {
-        let cells = inside[axis].unwrap_or_default();
-        u64::from(start[axis] + side).min(cells.next_multiple_of(step)) as u16
-    });
+    let inside = world.surface().cells_inside(leaf.node);
+    let end = [0, 1].map(|axis| u64::from(start[axis] + sides[axis]).min(inside[axis].next_multiple_of(step)) as u16);
     let lattice = |[x, y]: [u64; 2]| [x as u32, y as u32];
     TileSlot {
         node: color.node.pack(),

@@ -28,7 +28,7 @@ impl<'t, T: Tiles> Ancestors<'t, T> {
 
     /// The ancestor at level `q` and a plane of its posts.
     pub(super) fn tile(&mut self, q: u8, plane: usize) -> Result<(NodeId, &'t [f32]), TileVanished> {
-        let ancestor = self.node.ancestor(q);
+        let ancestor = self.world.surface().ancestor(self.node, q);
         let found = &mut self.found[usize::from(q)];
         if found.is_none() {
             *found = self.tiles.elevation(ancestor).and_then(|tile| tile.get(..self.world.elevation_values()));
@@ -40,7 +40,7 @@ impl<'t, T: Tiles> Ancestors<'t, T> {
 
     fn elevation(&mut self, plane: usize, point: LatticePoint, q: u8) -> Result<f64, TileVanished> {
         let (tile, posts) = self.tile(q, plane)?;
-        Ok(node_elevation(&self.world.surface(), tile, posts, point))
+        Ok(node_elevation(self.world.surface(), tile, posts, point))
     }
 
     /// Height, or a share, of a vertex before it is stored.
@@ -51,7 +51,7 @@ impl<'t, T: Tiles> Ancestors<'t, T> {
         point: LatticePoint,
         floor: u8,
     ) -> Result<f64, TileVanished> {
-        let (root, surface) = (self.world.root().q(), self.world.surface());
+        let (root, surface) = (self.world.coarsest_level(), self.world.surface());
         let smooth = self.elevation(0, point, smooth_level(self.world, floor))? * level.exaggeration();
         let l = level.elevation_level_at(surface.column(point.x), surface.row(point.y), smooth);
         let l = l.max(f64::from(floor)).min(f64::from(root));
@@ -96,5 +96,5 @@ pub(super) fn stored(level: &LevelFunction, plane: usize, sum: f64) -> f32 {
 
 /// The level of the smooth elevation for a vertex with this floor.
 pub(super) fn smooth_level(world: &World, floor: u8) -> u8 {
-    SMOOTH_LEVEL.min(world.root().q()).max(floor)
+    (SMOOTH_LEVEL + world.surface().rows_level()).min(world.coarsest_level()).max(floor)
 }

@@ -23,8 +23,8 @@ use ancestors::{Ancestors, smooth_level, stored, weight};
 use std::ops::RangeInclusive;
 use terravision_common::level::LevelFunction;
 use terravision_common::node::NodeId;
-use terravision_common::surface::tile::{CellPosition, TileSampler};
-use terravision_common::surface::{Column, LatticePoint, Row};
+use terravision_common::surface::tile::TileSampler;
+use terravision_common::surface::{Columns, LatticePoint, PostLine, Row};
 use terravision_common::world::World;
 
 /// An elevation tile that the frame needs was evicted while the frame was made.
@@ -43,9 +43,12 @@ pub struct Heights {
     /// them.
     columns: Vec<u64>,
     rows: Vec<u64>,
-    column_terms: Vec<Column>,
+    column_terms: Columns,
     row_terms: Vec<Row>,
     tile: TileSampler,
+    /// Where the posts of the tile lie that was entered, and on which row every second counts.
+    lines: [PostLine; 2],
+    joined_row: Option<u64>,
     /// One row of one level.
     row: Vec<f64>,
     /// Levels, then heights, of the whole array.
@@ -64,9 +67,11 @@ impl Heights {
             world: *world,
             columns: vec![0; posts],
             rows: vec![0; posts],
-            column_terms: vec![0.0; posts],
-            row_terms: vec![0.0; posts],
+            column_terms: Columns::new(posts),
+            row_terms: vec![Row::default(); posts],
             tile: TileSampler::new(posts),
+            lines: [PostLine::even(0, 0, 1); 2],
+            joined_row: None,
             row: vec![0.0; posts],
             levels: vec![0.0; posts * posts],
             sums: vec![0.0; posts * posts],
@@ -116,8 +121,9 @@ impl Heights {
     /// Computes the columns and rows of the vertices, clamped to the extent.
     fn place(&mut self, node: NodeId) {
         let surface = self.world.surface();
-        for ((lattice, column), x) in self.columns.iter_mut().zip(&mut self.column_terms).zip(surface.posts(node, 0)) {
-            (*lattice, *column) = (x, surface.column(x));
+        for (index, (lattice, x)) in self.columns.iter_mut().zip(surface.posts(node, 0)).enumerate() {
+            *lattice = x;
+            self.column_terms.set(index, surface.column(x));
         }
         for ((lattice, row), y) in self.rows.iter_mut().zip(&mut self.row_terms).zip(surface.posts(node, 1)) {
             (*lattice, *row) = (y, surface.row(y));
@@ -133,7 +139,7 @@ impl Heights {
         grid: usize,
     ) -> Result<(), TileVanished> {
         let (posts, node) = (self.columns.len(), ancestors.node);
-        let (root, floor) = (f64::from(self.world.root().q()), f64::from(node.q()));
+        let (root, floor) = (f64::from(self.world.coarsest_level()), f64::from(node.q()));
         let smooth = ancestors.tile(smooth_level(&self.world, node.q()), 0)?;
         self.enter(smooth.0);
         for j in (0..posts).step_by(grid) {
@@ -147,7 +153,7 @@ impl Heights {
                 *l = l.max(floor).min(root);
             }
             let [lowest, highest] = range_of(levels);
-            self.spans[j] = lowest as u8..=(highest as u8 + 1).min(self.world.root().q());
+            self.spans[j] = lowest as u8..=(highest as u8 + 1).min(self.world.coarsest_level());
         }
         Ok(())
     }
@@ -168,7 +174,7 @@ impl Heights {
         let smooth = Ancestors::new(&world, tiles, node).tile(smooth_level(&world, node.q()), 0)?;
         self.enter(smooth.0);
         let posts = self.columns.len();
-        let mut lowest = f64::from(self.world.root().q());
+        let mut lowest = f64::from(self.world.coarsest_level());
         for j in (0..posts).step_by(4) {
             self.interpolate_row(&smooth, j);
             for z in &mut self.row {
@@ -228,14 +234,14 @@ impl Heights {
             }
             Ok(())
         };
-        let [west, east, south, north] = leaf.seams.edges;
+        let [west, east, south, north] = leaf.seams.floors();
         for k in (grid..last).step_by(grid) {
             make(west, 0, k)?;
             make(east, last, k)?;
             make(south, k, 0)?;
             make(north, k, last)?;
         }
-        let [south_west, south_east, north_west, north_east] = leaf.seams.corners;
+        let [south_west, south_east, north_west, north_east] = leaf.seams.corner_floors();
         make(south_west, 0, 0)?;
         make(south_east, last, 0)?;
         make(north_west, 0, last)?;
@@ -243,14 +249,21 @@ impl Heights {
     }
 
     fn enter(&mut self, tile: NodeId) {
-        self.tile.enter(&self.columns, self.world.node_origin(tile)[0], tile.q(), self.world.elevation_tile());
+        let surface = self.world.surface();
+        self.lines = surface.post_lines(tile);
+        self.joined_row = surface.joined_row(tile);
+        self.tile.enter(&self.columns, &self.lines[0], self.columns.len());
     }
 
     /// Elevation of the entered tile along row `j` of the array.
-    fn interpolate_row(&mut self, (tile, posts): &(NodeId, &[f32]), j: usize) {
-        let (y0, cells) = (self.world.node_origin(*tile)[1], self.world.elevation_tile());
-        let y = CellPosition::new(self.rows[j], y0, tile.q(), cells);
-        self.tile.interpolate(posts, y, &mut self.row);
+    fn interpolate_row(&mut self, (_, posts): &(NodeId, &[f32]), j: usize) {
+        let [columns, rows] = &self.lines;
+        let y = rows.position(self.rows[j]);
+        if self.joined_row == Some(self.rows[j]) {
+            TileSampler::interpolate_joined(&self.columns, columns, posts, y, &mut self.row);
+        } else {
+            self.tile.interpolate(posts, y, &mut self.row);
+        }
     }
 }
 

@@ -90,7 +90,7 @@ impl Horizon {
     pub fn new(world: &World) -> Self {
         let posts = world.elevation_posts() as usize;
         Self {
-            surface: world.surface(),
+            surface: *world.surface(),
             is_active: false,
             ahead: Vec2::Y,
             bins_per_u: 1.0,
@@ -225,12 +225,12 @@ impl Horizon {
         }
         let (x_bins, y_bins) = (ahead.y * self.bins_per_u, ahead.x * self.bins_per_u);
         let rows = self.us.chunks_exact_mut(self.posts).zip(self.vs.chunks_exact_mut(self.posts));
-        for ((us, vs), vertices) in rows.zip(vertices.by_row()).step_by(leaf.grid) {
-            for ((u, v), vertex) in us.iter_mut().zip(vs).zip(vertices) {
+        for (row, (us, vs)) in rows.enumerate().step_by(leaf.grid) {
+            vertices.for_row(row, |column, vertex| {
                 let per_metre = 1.0 / (vertex.x * ahead.x + vertex.y * ahead.y);
-                *u = (vertex.x * x_bins - vertex.y * y_bins) * per_metre + 0.5 * BINS as f32;
-                *v = vertex.z * per_metre;
-            }
+                us[column] = (vertex.x * x_bins - vertex.y * y_bins) * per_metre + 0.5 * BINS as f32;
+                vs[column] = vertex.z * per_metre;
+            });
         }
         true
     }

@@ -1,5 +1,6 @@
 use super::*;
 use terravision_common::camera::CameraFields;
+use terravision_common::surface::VertexTerms;
 use terravision_common::world::WorldFields;
 
 const POSTS: usize = 5;
@@ -36,7 +37,9 @@ fn horizon() -> Horizon {
 /// Enters a level leaf of 400 m a side and says whether all of it is hidden.
 fn enter(horizon: &mut Horizon, [west, south]: [f32; 2], up: f32) -> bool {
     let metres = |from: f32| [0.0, 100.0, 200.0, 300.0, 400.0].map(|m| from + m);
-    let vertices = Vertices { columns: &metres(west), rows: &metres(south), heights: &[up; POSTS * POSTS] };
+    let terms = VertexTerms::of_plane(metres(west).to_vec(), metres(south).to_vec());
+    let heights = [up; POSTS * POSTS];
+    let vertices = terms.with_heights(&heights);
     horizon.enter(vertices, 1, [1; 4]);
     let is_hidden = horizon.is_hidden([0, 0], [POSTS - 1, POSTS - 1]);
     horizon.leave();
@@ -56,7 +59,9 @@ fn low_ground_behind_high_ground_is_hidden_and_high_ground_is_not() {
 fn nothing_is_hidden_by_a_leaf_with_a_hole_nor_by_what_is_behind_it() {
     let enter_holed = |horizon: &mut Horizon, [west, south]: [f32; 2], up: f32| {
         let metres = |from: f32| [0.0, 100.0, 200.0, 300.0, 400.0].map(|m| from + m);
-        let vertices = Vertices { columns: &metres(west), rows: &metres(south), heights: &[up; POSTS * POSTS] };
+        let terms = VertexTerms::of_plane(metres(west).to_vec(), metres(south).to_vec());
+        let heights = [up; POSTS * POSTS];
+        let vertices = terms.with_heights(&heights);
         horizon.enter(vertices, 1, [1; 4]);
         horizon.enter_hole();
         horizon.leave();

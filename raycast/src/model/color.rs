@@ -58,7 +58,7 @@ impl ColorPlace {
     pub fn of_tile(world: &World, layer: u32, origin: [u32; 2], level: u8) -> Self {
         let texel_m = world.color_spacing_m(level);
         let border = f64::from(COLOR_BORDER) * texel_m;
-        let surface = world.surface();
+        let surface = world.plane();
         let corner = surface.foot_of_lattice(DVec2::from_array(origin.map(f64::from)));
         let north_west_in_world = corner + DVec2::new(-border, surface.node_side_m(level) + border);
         Self { layer, north_west_in_world, texel_m }

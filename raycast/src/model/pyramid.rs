@@ -16,7 +16,7 @@
 mod sample;
 
 use super::spec::GroundError;
-use terravision_common::surface::Surface;
+use terravision_common::surface::Plane;
 use terravision_common::validity::{HALF, PLANES};
 
 /// From this share of a level on it is blended into the next one.
@@ -62,7 +62,7 @@ impl LevelDistances {
     const MOST: usize = 32;
 
     /// For posts at most `post_px` pixels apart, on a picture plane `focal_px` pixels from the eye.
-    pub(crate) fn new(surface: &Surface, focal_px: f32, post_px: f32) -> Self {
+    pub(crate) fn new(surface: &Plane, focal_px: f32, post_px: f32) -> Self {
         let finest = surface.unit_m() as f32 * focal_px / post_px;
         let mut squares = [f32::INFINITY; Self::MOST];
         for (square, level) in squares.iter_mut().zip(0i32..) {
@@ -138,7 +138,7 @@ pub(crate) struct TileSource {
 #[derive(Debug)]
 pub(crate) struct Pyramid {
     shape: PoolShape,
-    surface: Surface,
+    surface: Plane,
     levels: u8,
     nodes: Vec<Node>,
     /// Of each slot.
@@ -151,7 +151,7 @@ pub(crate) struct Pyramid {
 }
 
 impl Pyramid {
-    pub(super) fn new(shape: PoolShape, surface: Surface, levels: u8) -> Self {
+    pub(super) fn new(shape: PoolShape, surface: Plane, levels: u8) -> Self {
         let cells = surface.cells();
         let least_block = LEAST_BLOCK.min(cells);
         let sides = std::iter::successors(Some(cells / least_block), |side| Some(side / 2).filter(|side| *side > 0));

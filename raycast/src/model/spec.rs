@@ -3,14 +3,14 @@
 use super::color::{ColorLayout, ColorPlace};
 use super::density::Filter;
 use glam::DVec3;
-use terravision_common::surface::Surface;
+use terravision_common::surface::Plane;
 
 /// Geometry that all tiles of a ground share.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GroundShape {
     /// Where lattice points lie, and where the ground ends east and north. With an extent of
     /// `u32::MAX` the ground ends with its tiles. Cells may reach beyond the end.
-    pub surface: Surface,
+    pub surface: Plane,
     /// Levels of the quad tree.
     pub levels: u8,
     /// Layers of colour.

@@ -1,10 +1,10 @@
 use super::color::{ColorLayout, ColorPlace};
 use super::*;
 use glam::{DVec2, DVec3};
-use terravision_common::surface::Surface;
+use terravision_common::surface::Plane;
 
 const SHAPE: GroundShape = GroundShape {
-    surface: Surface::new(10.0, [u32::MAX; 2], 16),
+    surface: Plane::new(10.0, [u32::MAX; 2], 16),
     levels: 3,
     color: ColorLayout { side: 16, mips: 1 },
     filter: Some(Filter::OrientedBox),

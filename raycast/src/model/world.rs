@@ -11,7 +11,7 @@ use terravision_common::camera::Camera;
 use terravision_common::database::{Layer, TileError, TileScratch, TileSource, color_tile_bytes};
 use terravision_common::level::LevelFunction;
 use terravision_common::node::NodeId;
-use terravision_common::surface::WorldBox;
+use terravision_common::surface::NodeBounds;
 use terravision_common::traversal::{Frustum, HeightRanges, node_box};
 use terravision_common::world::World;
 
@@ -40,7 +40,7 @@ pub enum FillError {
 /// Geometry of a ground for a world.
 #[must_use]
 pub fn ground_shape(world: &World, filter: Option<Filter>) -> GroundShape {
-    GroundShape { surface: world.surface(), levels: world.levels(), color: ColorLayout::of(world), filter }
+    GroundShape { surface: world.plane(), levels: world.levels(), color: ColorLayout::of(world), filter }
 }
 
 /// Reads tiles for views of a world.
@@ -88,14 +88,15 @@ impl<'s, S: TileSource, R: HeightRanges> WorldTiles<'s, S, R> {
         level: &LevelFunction,
         accurate_m: f64,
     ) -> Result<(), FillError> {
-        ground.clear(self.world.surface().height_m(camera.eye()));
+        ground.clear(self.world.plane().height_m(camera.eye()));
         let frustum = Frustum::new(camera);
+        let frame = self.world.surface().seen_by(camera.eye(), camera.axes_in_world()[2]);
         let mut open = vec![self.world.root()];
         while let Some(node) = open.pop() {
             let Some(bounds) = node_box(&self.world, self.ranges, level.exaggeration(), node) else { continue };
             // Rays enter the ground within the frustum from the near side, never from the nodes
             // around it.
-            if !frustum.may_see(&bounds) {
+            if !frustum.may_see(&frame.box_from_eye(&bounds)) {
                 continue;
             }
             let is_too_coarse = f64::from(node.q()) > level.elevation_bound(&bounds).max(0.0);
@@ -114,7 +115,7 @@ impl<'s, S: TileSource, R: HeightRanges> WorldTiles<'s, S, R> {
         &mut self,
         ground: &mut Ground,
         node: NodeId,
-        bounds: &WorldBox,
+        bounds: &NodeBounds,
         level: &LevelFunction,
         accurate_m: f64,
     ) -> Result<(), FillError> {
@@ -140,9 +141,9 @@ impl<'s, S: TileSource, R: HeightRanges> WorldTiles<'s, S, R> {
         }
         let origin = world.node_origin(node).map(|v| v as u32);
         // Posts beyond the extent repeat its border.
-        let inside = world.surface().cells_inside(world.node_origin(node), node.q());
+        let inside = world.plane().cells_inside(world.node_origin(node), node.q());
         let cells = inside.map(|cells| cells.unwrap_or_default().min(u64::from(posts - 1)) as u32);
-        let distance = bounds.seen_from(level.frame().eye()).nearest().length();
+        let distance = level.frame().bound(bounds).distance2.sqrt();
         let mut planes = self.elevations[&node].chunks_exact((posts * posts) as usize);
         let heights = planes.next().unwrap_or_default();
         let spec = TileSpec {

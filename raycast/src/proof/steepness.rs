@@ -80,7 +80,7 @@ pub(super) fn sector(direction: Vec2) -> usize {
 
 /// Which of the two surfaces slopes belong to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Surface {
+pub(crate) enum Plane {
     /// The surface of voxels.
     Voxels,
     /// The facets between heights.
@@ -89,15 +89,15 @@ pub(crate) enum Surface {
 
 impl Steepness {
     /// Sets the slopes for a ground seen from an eye, in lattice units and metres above the datum.
-    pub(crate) fn set(&mut self, ground: &Ground, eye: [f64; 2], eye_m: f32, surface: Surface) {
+    pub(crate) fn set(&mut self, ground: &Ground, eye: [f64; 2], eye_m: f32, surface: Plane) {
         self.clear(SLOPE_BOUND);
         let unit = ground.shape().surface.unit_m() as f32;
         self.nearest_m = NEAREST_UNITS * unit;
         for block in ground.steep_blocks() {
             let slope = MARGIN
                 * match surface {
-                    Surface::Voxels => block.slopes.voxels,
-                    Surface::Facets => block.slopes.heights,
+                    Plane::Voxels => block.slopes.voxels,
+                    Plane::Facets => block.slopes.heights,
                 };
             if slope <= self.bound {
                 continue;

@@ -1,6 +1,6 @@
 //! The edge of the ground as a sweep of heights in place draws it, for walls that go down from it.
 
-use super::surface::Surface;
+use super::surface::Plane;
 use crate::model::{Source, TileSource};
 use crate::scene::JUST_INSIDE;
 use glam::DVec2;
@@ -24,7 +24,7 @@ pub struct EdgeStretch {
     pub ground: [f32; 2],
 }
 
-impl Surface<'_> {
+impl Plane<'_> {
     /// The edge of the ground along the west, east, south or north side (0 to 3).
     pub(super) fn edge(&self, side: usize, has_validity: bool, put: &mut dyn FnMut(EdgeStretch)) {
         let shape = self.scene.ground.shape();

@@ -7,7 +7,7 @@
 //! level's facets are made of whole ones of these, so that both are linear on each, and so is what
 //! they are blended to, but for the way that the share of the next level goes with the distance.
 
-use super::surface::Surface;
+use super::surface::Plane;
 use crate::exact::holes::{MARK, MOST_HOLES, WITHIN};
 use crate::exact::{LEAST_BELOW, LEAST_BELOW_M, Side, past};
 use crate::model::{Source, TileSource};
@@ -42,7 +42,7 @@ impl Met {
     }
 }
 
-impl Surface<'_> {
+impl Plane<'_> {
     /// Looks at a pixel that sees ground: its ray goes on if that is a hole, and it is marked if the
     /// ground was filled.
     pub(super) fn look_at(&self, canvas: &Canvas<'_>, pixel: [u32; 2]) {

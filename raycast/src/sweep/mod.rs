@@ -49,7 +49,7 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use strip::{LINES, Strip};
-use surface::Surface;
+use surface::Plane;
 use terravision_common::camera::Camera;
 use terravision_common::simd::{Instructions, LANES, Simd, Work};
 use trace::Tracer;
@@ -222,7 +222,7 @@ fn strips_of(count: usize) -> impl Iterator<Item = Range<usize>> {
 /// The edge of a scene's ground along the west, east, south or north side of the world (0 to 3),
 /// where its heights are in place.
 pub(crate) fn edge(scene: &Scene<'_>, side: usize, has_validity: bool, put: &mut dyn FnMut(EdgeStretch)) {
-    if let Some(surface) = Surface::new(scene) {
+    if let Some(surface) = Plane::new(scene) {
         surface.edge(side, has_validity, put);
     }
 }

@@ -9,7 +9,7 @@ use glam::DVec2;
 const LEAST_WAY: f64 = 1e-9;
 
 /// A function of the point and of its distance from the eye.
-pub(super) struct Surface<'a> {
+pub(super) struct Plane<'a> {
     pub(super) scene: &'a Scene<'a>,
     pub(super) pyramid: &'a Pyramid,
     distances: &'a LevelDistances,
@@ -17,7 +17,7 @@ pub(super) struct Surface<'a> {
     eye: DVec2,
 }
 
-impl<'a> Surface<'a> {
+impl<'a> Plane<'a> {
     /// The surface of a scene whose heights lie in the elevation pool.
     pub(super) fn new(scene: &'a Scene<'a>) -> Option<Self> {
         let (pyramid, distances) = scene.pyramid()?;

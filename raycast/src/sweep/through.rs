@@ -7,7 +7,7 @@
 
 use super::heights::{Heights, Place};
 use super::shade::{Between, LEAST_NEARNESS, NUMBERS, ONE_SURFACE, RowPlace, Seen, Shader};
-use super::surface::Surface;
+use super::surface::Plane;
 use crate::scene::Scene;
 use terravision_common::simd::Simd;
 use terravision_common::validity::HALF;
@@ -15,12 +15,12 @@ use terravision_common::validity::HALF;
 /// What is needed to look at ground that may be a hole, or may have been filled.
 pub(super) struct Holes<'a> {
     heights: Heights<'a>,
-    pub(super) surface: Surface<'a>,
+    pub(super) surface: Plane<'a>,
 }
 
 impl<'a> Holes<'a> {
     pub(super) fn new(scene: &'a Scene<'a>) -> Option<Self> {
-        Some(Self { heights: Heights::new(scene), surface: Surface::new(scene)? })
+        Some(Self { heights: Heights::new(scene), surface: Plane::new(scene)? })
     }
 }
 

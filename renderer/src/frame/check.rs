@@ -2,6 +2,7 @@
 
 use super::TileFault;
 use terravision_common::slot::{ElevationTile, TileSlot};
+use terravision_common::surface::{BlockFault, DrawnBlock};
 use terravision_common::world::World;
 
 /// Checks the numbers of an elevation tile against the world and the pool.
@@ -28,20 +29,16 @@ pub fn check_tile(tile: &TileSlot, world: &World, color_slots: u32) -> Result<()
     if tile.elevation_level >= levels || tile.color_level >= levels {
         return Err(TileFault::Level);
     }
-    let is_node = |origin: [u32; 2], level: u8| {
-        let side = world.node_side(level);
-        (0..2).all(|axis| u64::from(origin[axis]).is_multiple_of(side) && origin[axis] < world.extent()[axis])
+    let drawn = DrawnBlock {
+        node: tile.node(),
+        levels: [tile.elevation_level, tile.color_level],
+        origins: [tile.elevation_origin, tile.color_origin],
+        posts: [tile.start.map(u32::from), tile.end.map(u32::from)],
     };
-    if !is_node(tile.elevation_origin, tile.elevation_level) || !is_node(tile.color_origin, tile.color_level) {
-        return Err(TileFault::Origin);
-    }
-    let is_covered = |axis: usize| {
-        let at = |post: u32| u64::from(tile.elevation_origin[axis]) + (u64::from(post) << tile.elevation_level);
-        let first = u64::from(tile.color_origin[axis]);
-        first <= at(block(axis).0) && at(block(axis).1) <= first + world.node_side(tile.color_level)
-    };
-    if !is_covered(0) || !is_covered(1) {
-        return Err(TileFault::Cover);
+    match world.surface().fault_of(&drawn) {
+        Some(BlockFault::Origin) => return Err(TileFault::Origin),
+        Some(BlockFault::Cover) => return Err(TileFault::Cover),
+        None => {}
     }
     if tile.edge_snap.iter().any(|&snap| u32::from(snap) > intervals.ilog2() || snap < tile.grid_snap) {
         return Err(TileFault::Snap);

@@ -215,10 +215,7 @@ impl FrameReader {
         let picture = self.frame.marker.picture;
         // The eye's cell has to be near enough for differences of 32 bits.
         let surface = self.shape.world.surface();
-        let is_near = |view: &View| {
-            let eye_on_lattice = surface.lattice_of_foot(surface.foot(view.camera.eye()));
-            eye_on_lattice.abs().max_element() <= MAX_NODE_SIDE as f64
-        };
+        let is_near = |view: &View| surface.is_countable_from(view.camera.eye(), MAX_NODE_SIDE);
         let Some(view) = slot.view().ok().filter(|view| view.is_within(picture) && is_near(view)) else {
             return Err(FrameError::View { frame, index, picture });
         };

@@ -95,7 +95,7 @@ impl ComputeRays {
         elevation: &Elevation,
         places: ArrayPlaces<'_>,
     ) -> Result<(), DrawError> {
-        let (world, surface) = (&self.world, self.world.surface());
+        let (world, surface) = (&self.world, self.world.plane());
         let fail = |index: usize, fault: TileFault| FrameError::Tile { frame: frame.number(), index, fault };
         let camera = &frame.views[draw.view.min(frame.views.len() - 1)].camera;
         self.tiles.clear();
@@ -139,11 +139,11 @@ impl ComputeRays {
 
 /// Distance of the posts of a slot's block, metres.
 fn spacing_m(tile: &TileSlot, world: &World) -> f64 {
-    world.surface().spacing_m(tile.elevation_level + tile.grid_snap)
+    world.plane().spacing_m(tile.elevation_level + tile.grid_snap)
 }
 
 fn ray_tile(tile: &TileSlot, block: &SlotBlock, world: &World, camera: &Camera, array_start: u32) -> RayTile {
-    let surface = world.surface();
+    let surface = world.plane();
     let from_eye = |lattice: [f64; 2]| surface.lattice_from_eye(DVec2::from_array(lattice), camera.eye());
     let posts = world.elevation_posts();
     let step = 1u32 << tile.grid_snap;
@@ -204,7 +204,7 @@ fn place_nodes(tree: &Tree, world: &World, eye: DVec2, out: &mut Vec<RayNode>) {
         middle: [0.0; 2],
         reserved: [0; 2],
     }));
-    place_node(tree, tree.root(), DVec2::ZERO, world.surface().node_side_m(world.root().q()), eye, out);
+    place_node(tree, tree.root(), DVec2::ZERO, world.plane().node_side_m(world.root().q()), eye, out);
 }
 
 fn place_node(tree: &Tree, link: Link, corner: DVec2, side_m: f64, eye: DVec2, out: &mut [RayNode]) {

@@ -1,6 +1,7 @@
 //! The mesh technique: each colour leaf is a block of its elevation leaf's array, drawn as
 //! triangles.
 
+use super::device_terms::DeviceTerms;
 use super::view_parameters::view_parameters;
 use super::{ArrayPlaces, Draw, DrawError, Technique, outline_of};
 use crate::frame::{Frame, FrameError, TileFault};
@@ -36,6 +37,8 @@ pub struct MeshTechnique {
     /// What is drawn of them, one draw after the other.
     blocks: Vec<(u32, Block)>,
     draws: Vec<MeshDraw>,
+    /// Terms of columns and rows, of a body.
+    terms: DeviceTerms,
 }
 
 /// A draw of the frame.
@@ -77,6 +80,7 @@ impl MeshTechnique {
             tiles: Vec::with_capacity(4096),
             blocks: Vec::with_capacity(4096),
             draws: Vec::with_capacity(MAX_VIEWS),
+            terms: DeviceTerms::default(),
         })
     }
 }
@@ -102,6 +106,7 @@ impl Technique for MeshTechnique {
         self.tiles.clear();
         self.blocks.clear();
         self.draws.clear();
+        self.terms.clear();
         let datum_m = self.world.surface().height_m(frame.pose.eye());
         for view in frame.views.iter() {
             self.add_view(frame, &view.camera, datum_m, places)?;
@@ -113,7 +118,7 @@ impl Technique for MeshTechnique {
             self.blocks.extend(drawn.map(|(number, tile)| ((first_tile + number) as u32, block(tile))));
             self.draws.push(MeshDraw { view, blocks: start..self.blocks.len() });
         }
-        Ok(self.pass.prepare(recording, elevation, &self.tiles)?)
+        Ok(self.pass.prepare(recording, elevation, &self.tiles, self.terms.numbers())?)
     }
 
     fn draw(&self, draw: usize, recording: &mut FrameRecording<'_>, colors: &ColorPool, is_depth_only: bool) {
@@ -142,7 +147,10 @@ impl MeshTechnique {
         let (parameters, cell) = view_parameters(camera, &self.world, datum_m);
         let sides = visible_sides(camera, &self.world);
         // Eyes in one cell see the same tiles.
-        let seen = self.views.iter().find(|before| before.cell.corner == cell.corner).map(|before| before.first_tile);
+        // Of a body, terms are made for an eye.
+        let is_same = |before: &&MeshView| before.cell.corner == cell.corner && self.world.globe().is_none();
+        let seen = self.views.iter().find(is_same).map(|before| before.first_tile);
+        self.terms.look(&self.world, camera);
         let first_tile = seen.unwrap_or(self.tiles.len());
         self.views.push(MeshView { parameters, sides, cell, first_tile });
         if seen.is_some() {
@@ -152,7 +160,9 @@ impl MeshTechnique {
             let array = tile.elevation_position.wrapping_sub(frame.elevation_start) as usize;
             let (frame, fault) = (frame.number(), TileFault::Elevation);
             let start = places.starts.get(array).ok_or(FrameError::Tile { frame, index, fault })?;
-            self.tiles.push(tile_parameters(tile, &self.world, cell, *start));
+            let mut parameters = tile_parameters(tile, &self.world, cell, *start);
+            self.terms.place(&self.world, tile, &mut parameters);
+            self.tiles.push(parameters);
         }
         Ok(())
     }
@@ -187,7 +197,7 @@ fn tile_parameters(tile: &TileSlot, world: &World, cell: EyeCell, array_start: u
         block_start: pair(tile.start),
         block_end: pair(tile.end),
         outline: outline_of(tile),
-        reserved: 0,
+        color_scale_north: 0.0,
     }
 }
 

@@ -2,6 +2,7 @@
 //! processor casts rays without any, so that its part here is what a slot means to rays.
 
 mod compute;
+mod device_terms;
 mod draw;
 mod mesh;
 mod rays;

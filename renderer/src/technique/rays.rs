@@ -141,7 +141,7 @@ pub(super) fn block_of(world: &World, tile: &TileSlot) -> Option<SlotBlock> {
         return None;
     }
     let origin = world.node_origin(node);
-    let inside = world.surface().cells_inside(origin, tile.elevation_level + tile.grid_snap);
+    let inside = world.plane().cells_inside(origin, tile.elevation_level + tile.grid_snap);
     let (mut start, mut cells) = ([0; 2], [0; 2]);
     for axis in 0..2 {
         let from_array = origin[axis].checked_sub(u64::from(tile.elevation_origin[axis]))?;

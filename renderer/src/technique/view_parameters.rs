@@ -20,7 +20,8 @@ const SUBPIXELS: f32 = 256.0;
 #[must_use]
 pub fn view_parameters(camera: &Camera, world: &World, datum_z_m: f64) -> (ViewParameters, EyeCell) {
     let surface = world.surface();
-    let cell = surface.eye_cell(camera.eye());
+    let on_device = surface.on_device(camera.eye());
+    let cell = on_device.cell;
     let [right, up, forward] = camera.axes_in_world();
     let plane = camera.picture_plane();
     let [tan_x, tan_y] = plane.half();
@@ -28,13 +29,13 @@ pub fn view_parameters(camera: &Camera, world: &World, datum_z_m: f64) -> (ViewP
     let extent = world.extent();
     let view = ViewParameters {
         clip_x: row((right - forward * plane.middle_x()) / tan_x),
-        unit_m: surface.unit_m() as f32,
+        unit_m: on_device.scale_m,
         // Vulkan's y points down the picture.
         clip_y: row(-up / tan_y),
         near_m: NEAR_M as f32,
         clip_w: row(forward),
         posts_reciprocal: 1.0 / world.elevation_posts() as f32,
-        eye_in_cell_m: cell.eye_m,
+        eye_in_cell_m: on_device.eye,
         extent_from_cell: [0, 1].map(|axis| cell.count(axis, extent[axis])),
         posts: world.elevation_posts(),
         color_border: COLOR_BORDER as f32 / world.color_stored() as f32,

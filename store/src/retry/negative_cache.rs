@@ -7,7 +7,6 @@ use std::collections::{HashMap, HashSet};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 use terravision_common::database::Tile;
-use terravision_common::node::NodeId;
 
 /// After its first failure a tile rests for this long, then twice as long after each further
 /// failure ...
@@ -51,13 +50,14 @@ pub struct NegativeCache {
     /// whatever the failure.
     vital: HashSet<Tile>,
     /// There is no picture without it: its rest never gets longer than the first one.
-    root: NodeId,
+    /// The level of the coarsest tiles.
+    root: u8,
 }
 
 impl NegativeCache {
     /// An empty cache; the tiles of `vital` and of the root never rest for long.
     #[must_use]
-    pub fn new(failed_tiles: FailedTiles, root: NodeId, vital: impl IntoIterator<Item = Tile>) -> Self {
+    pub fn new(failed_tiles: FailedTiles, root: u8, vital: impl IntoIterator<Item = Tile>) -> Self {
         Self { tiles: Mutex::default(), failed_tiles, vital: vital.into_iter().collect(), root }
     }
 
@@ -125,7 +125,7 @@ impl NegativeCache {
             None => Some(ABSENT_REST),
             // No server is asked, so nothing changes.
             Some(Cause::Offline) => None,
-            Some(_) if self.root == tile.node => Some(FIRST_REST),
+            Some(_) if self.root == tile.node.q() => Some(FIRST_REST),
             Some(cause) if cause.is_passing() || cause == Cause::Disk || self.is_vital(tile) => {
                 Some(FIRST_REST.saturating_mul(1 << failures.min(10)).min(LONGEST_REST))
             }
@@ -138,6 +138,7 @@ impl NegativeCache {
 mod tests {
     use super::*;
     use terravision_common::database::Layer;
+    use terravision_common::node::NodeId;
 
     fn color(m: u32) -> Tile {
         Tile { layer: Layer::Color, node: NodeId::new(m, 2, 3).expect("a node") }
@@ -148,7 +149,7 @@ mod tests {
     }
 
     fn cache() -> NegativeCache {
-        NegativeCache::new(FailedTiles::Rest, root(), [])
+        NegativeCache::new(FailedTiles::Rest, root().q(), [])
     }
 
     #[test]
@@ -199,7 +200,7 @@ mod tests {
         assert!(cache.find(color(1), now).is_some());
         cache.note(color(3), None, now);
         assert!(cache.find(color(1), now).is_none() && cache.find(of_elevation, now).is_some());
-        let exact = NegativeCache::new(FailedTiles::Final, root(), []);
+        let exact = NegativeCache::new(FailedTiles::Final, root().q(), []);
         exact.note_silence(color(1), &error, now);
         exact.note(color(3), None, now);
         assert!(exact.find(color(1), now).is_some(), "a picture must not depend on time");
@@ -222,7 +223,7 @@ mod tests {
     fn what_stands_in_for_all_that_is_missing_does_not_rest_for_long_and_the_root_least() {
         let below = NodeId::new(0, 0, 4).expect("a node");
         let tile = |node| Tile { layer: Layer::Color, node };
-        let cache = NegativeCache::new(FailedTiles::Rest, root(), [root(), below].map(tile));
+        let cache = NegativeCache::new(FailedTiles::Rest, root().q(), [root(), below].map(tile));
         let now = Instant::now();
         let of_elevation = Tile { layer: Layer::Elevation, node: below };
         for cause in [Cause::NotFound, Cause::Server, Cause::WebPage, Cause::Denied] {
@@ -238,7 +239,7 @@ mod tests {
 
     #[test]
     fn where_a_picture_must_not_depend_on_time_no_tile_is_asked_for_again() {
-        let cache = NegativeCache::new(FailedTiles::Final, root(), []);
+        let cache = NegativeCache::new(FailedTiles::Final, root().q(), []);
         let now = Instant::now();
         let of_root = Tile { layer: Layer::Color, node: root() };
         for tile in [of_root, color(1)] {

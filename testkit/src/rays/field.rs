@@ -2,7 +2,7 @@
 
 use glam::DVec2;
 use terravision_common::camera::{Camera, CameraFields};
-use terravision_common::surface::Surface;
+use terravision_common::surface::Plane;
 use terravision_common::surface::facet::facet_linear;
 use terravision_raycast::model::color::{ColorLayout, ColorPlace};
 use terravision_raycast::model::{Filter, Ground, GroundShape, TileSpec};
@@ -76,7 +76,7 @@ impl Field {
     pub fn ground(&self, side: usize, filter: impl Into<Option<Filter>>) -> Ground {
         let levels = (self.cells.div_ceil(side)).next_power_of_two().ilog2() as u8 + 1;
         let shape = GroundShape {
-            surface: Surface::new(UNIT_M, [u32::MAX; 2], side as u32),
+            surface: Plane::new(UNIT_M, [u32::MAX; 2], side as u32),
             levels,
             color: ColorLayout { side: self.cells as u32, mips: 1 },
             filter: filter.into(),
@@ -118,7 +118,7 @@ impl Field {
     pub fn mixed(&self, seed: u64, filter: Filter, is_accurate: impl Fn([u32; 2]) -> bool) -> Ground {
         const SIDE: usize = 16;
         let shape = GroundShape {
-            surface: Surface::new(UNIT_M, [u32::MAX; 2], SIDE as u32),
+            surface: Plane::new(UNIT_M, [u32::MAX; 2], SIDE as u32),
             levels: (self.cells.div_ceil(SIDE)).next_power_of_two().ilog2() as u8 + 1,
             color: ColorLayout { side: self.cells as u32, mips: 1 },
             filter: Some(filter),

@@ -4,7 +4,7 @@
 use super::{Field, UNIT_M};
 use glam::{DVec2, DVec3};
 use terravision_common::camera::Camera;
-use terravision_common::surface::Surface;
+use terravision_common::surface::Plane;
 use terravision_common::surface::facet::facet_linear;
 use terravision_common::validity::{GROUND_PLANE, MEASURED_PLANE, PLANES};
 use terravision_raycast::model::color::{ColorLayout, ColorPlace};
@@ -95,7 +95,7 @@ impl PooledField {
     #[must_use]
     pub fn ground(&self) -> Ground {
         let shape = GroundShape {
-            surface: Surface::new(UNIT_M, [u32::MAX; 2], SIDE as u32),
+            surface: Plane::new(UNIT_M, [u32::MAX; 2], SIDE as u32),
             levels: self.levels.len() as u8,
             color: ColorLayout { side: self.levels[0].cells as u32, mips: 1 },
             filter: None,

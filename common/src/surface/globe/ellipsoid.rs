@@ -22,6 +22,20 @@ pub struct Geodetic {
     pub height_m: f64,
 }
 
+impl Geodetic {
+    /// Of longitude and latitude in degrees, and height.
+    #[must_use]
+    pub fn of_degrees(position: DVec3) -> Self {
+        Self { longitude: position.x.to_radians(), latitude: position.y.to_radians(), height_m: position.z }
+    }
+
+    /// Longitude and latitude in degrees, and height.
+    #[must_use]
+    pub fn degrees(&self) -> DVec3 {
+        DVec3::new(self.longitude.to_degrees(), self.latitude.to_degrees(), self.height_m)
+    }
+}
+
 impl Ellipsoid {
     /// WGS 84.
     pub const EARTH: Self = Self::new(6_378_137.0, 1.0 / 298.257_223_563);
@@ -58,6 +72,13 @@ impl Ellipsoid {
     pub fn prime_vertical_m(&self, latitude: f64) -> f64 {
         let sin = latitude.sin();
         self.semi_major_m / (1.0 - self.e2 * sin * sin).sqrt()
+    }
+
+    /// Radius of curvature along the meridian, metres.
+    #[must_use]
+    pub fn meridional_m(&self, latitude: f64) -> f64 {
+        let sin = latitude.sin();
+        self.semi_major_m * (1.0 - self.e2) / (1.0 - self.e2 * sin * sin).powf(1.5)
     }
 
     /// Distance from the axis and from the plane of the equator of the ellipsoid's point at a

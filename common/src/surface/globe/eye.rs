@@ -46,7 +46,35 @@ pub struct GlobeEye {
     cos: f32,
 }
 
+impl GlobeColumn {
+    /// Its numbers, for devices: u and v.
+    #[must_use]
+    pub const fn numbers(&self) -> [f32; 2] {
+        [self.u, self.v]
+    }
+}
+
+impl GlobeRow {
+    /// Its numbers, for devices: c, aₙ, aᵤ, k, s and w.
+    #[must_use]
+    pub const fn numbers(&self) -> [f32; 6] {
+        [self.c, self.a_north, self.a_up, self.k, self.s, self.w]
+    }
+
+    /// The same of a row all of whose points are one, on the axis.
+    #[must_use]
+    pub(crate) const fn on_axis(self) -> Self {
+        Self { c: 0.0, k: 0.0, ..self }
+    }
+}
+
 impl GlobeEye {
+    /// Sine and cosine of its latitude, and its height above the ellipsoid.
+    #[must_use]
+    pub const fn numbers(&self) -> [f32; 3] {
+        [self.sin, self.cos, self.eye.height_m as f32]
+    }
+
     /// A body seen from a place.
     #[must_use]
     pub fn new(body: Ellipsoid, eye: Geodetic) -> Self {
@@ -79,13 +107,19 @@ impl GlobeEye {
         }
     }
 
-    /// A vertex: metres east, north and up of the eye.
+    /// A vertex at a height above the ellipsoid: metres east, north and up of the eye.
     #[inline(always)]
     #[must_use]
     pub fn vertex(&self, column: GlobeColumn, row: GlobeRow, height_m: f32) -> Vec3 {
-        let (u, v, h) = (column.u, column.v, height_m);
+        self.vertex_above(column, row, (f64::from(height_m) - self.eye.height_m) as f32)
+    }
+
+    /// A vertex at a height above the eye: metres east, north and up of the eye.
+    #[inline(always)]
+    #[must_use]
+    pub fn vertex_above(&self, column: GlobeColumn, row: GlobeRow, above: f32) -> Vec3 {
+        let (u, v, h) = (column.u, column.v, above + self.eye.height_m as f32);
         let (around, leans) = (row.c * v, row.k * v);
-        let above = height_m - self.eye.height_m as f32;
         Vec3::new(
             row.c * u + h * (row.k * u),
             row.a_north + self.sin * around + h * (row.s + self.sin * leans),
@@ -96,8 +130,7 @@ impl GlobeEye {
     /// The same of a lattice point of a globe of this body: equal to the bit, whichever node names it.
     #[must_use]
     pub fn lattice_vertex(&self, globe: &Globe, point: [u64; 2], height_m: f32) -> Vec3 {
-        let place = globe.place(point, 0.0);
-        self.vertex(self.column(place.longitude), self.row(place.latitude), height_m)
+        self.vertex(globe.eye_column(self, point[0]), globe.eye_row(self, point[1]), height_m)
     }
 }
 

@@ -23,6 +23,8 @@
 //! every lattice point is a post, and a level is as fine along longitude wherever it exists.
 
 use crate::node::{MAX_LEVEL, NodeId};
+use crate::surface::{MOST_CHILDREN, PostLine};
+use glam::DVec2;
 use std::ops::Range;
 
 /// Which edge of a node.
@@ -77,9 +79,10 @@ impl GlobeLattice {
             return None;
         }
         let lattice = Self { columns, rows, cells, rows_level: ceil_log2(half.div_ceil(cells)) };
-        let is_in_ids = lattice.rows_level <= MAX_LEVEL / 2 && columns.div_ceil(cells) < 1 << 28;
+        // There is a level above all nodes: that of the crown.
+        let is_in_ids = lattice.rows_level < MAX_LEVEL / 2 && columns.div_ceil(cells) < 1 << 28;
         let roots = lattice.row_of(lattice.top(), 0, false).map_or(0, |row| lattice.columns_of(&row));
-        (is_in_ids && roots >= 2).then_some(lattice)
+        (is_in_ids && (2..=MOST_CHILDREN as u32 / 2).contains(&roots)).then_some(lattice)
     }
 
     /// Lattice columns around, and rows from pole to pole.
@@ -159,6 +162,19 @@ impl GlobeLattice {
         u64::from(self.columns).div_ceil(u64::from(self.cells) << row.log_step) as u32
     }
 
+    /// The most nodes that a row of a level has, and numbers of rows.
+    #[must_use]
+    pub fn most_nodes(&self, q: u8) -> [u32; 2] {
+        let widest = (0..2).filter_map(|is_north| {
+            let is_north = is_north == 1;
+            // Those near the equator, as far as they have the level.
+            let rows = self.rows_of(q, is_north);
+            let row = (0..=self.rows_level).find_map(|k| self.row_of(q, (rows - 1) >> k, is_north))?;
+            Some(self.columns_of(&row))
+        });
+        [widest.max().unwrap_or(0), self.numbers(q)]
+    }
+
     /// Whether a node is one of the body.
     #[must_use]
     pub fn contains(&self, node: NodeId) -> bool {
@@ -168,6 +184,12 @@ impl GlobeLattice {
         let is_in =
             |row: NodeRow| row.from_pole < self.rows_of(node.q(), row.is_north) && node.m() < self.columns_of(&row);
         self.row_at(node.q(), node.n()).is_some_and(is_in)
+    }
+
+    /// The node above all roots, which has no tiles of its own.
+    #[must_use]
+    pub const fn crown(&self) -> NodeId {
+        NodeId::root(self.top() + 2)
     }
 
     /// The nodes of the coarsest level: the south's, then the north's.
@@ -217,6 +239,21 @@ impl GlobeLattice {
             Side::South | Side::North => self.across(node, row, side == Side::North),
         };
         nodes.filter_map(move |m| NodeId::new(m, n, q))
+    }
+
+    /// The nodes that touch a corner of a node from the row beside it: those at the ends of the edge
+    /// across, and the ones beside them.
+    #[must_use]
+    pub fn across_corner(&self, node: NodeId, is_east: bool, is_north: bool) -> [Option<NodeId>; 2] {
+        let side = if is_north { Side::North } else { Side::South };
+        let beside =
+            if is_east { self.neighbors(node, Side::East).next() } else { self.neighbors(node, Side::West).next() };
+        let across = beside.and_then(|beside| {
+            let mut nodes = self.neighbors(beside, side);
+            let first = nodes.next();
+            if is_east { first } else { nodes.last().or(first) }
+        });
+        [across, None]
     }
 
     const fn one(&self, m: u32) -> Range<u32> {
@@ -287,5 +324,46 @@ impl GlobeLattice {
     pub fn canonical(&self, [column, row]: [u64; 2]) -> [u64; 2] {
         let is_pole = row == 0 || row >= self.rows.into();
         [if is_pole { 0 } else { column % u64::from(self.columns) }, row.min(self.rows.into())]
+    }
+
+    /// The node of a level at a lattice place, or of the finest level that there is.
+    #[must_use]
+    pub fn node_at(&self, at: DVec2, q: u8) -> Option<NodeId> {
+        let is_north = at.y >= f64::from(self.middle());
+        let from_pole = if is_north { f64::from(self.rows) - at.y } else { at.y };
+        (q..=self.top()).find_map(|q| {
+            let side = f64::from(self.cells) * f64::from(1u32 << self.log_rows(q));
+            let from_pole = ((from_pole / side) as u32).min(self.rows_of(q, is_north) - 1);
+            let row = self.row_of(q, from_pole, is_north)?;
+            let width = (u64::from(self.cells) << row.log_step) as f64;
+            let m = ((at.x / width) as u32).min(self.columns_of(&row) - 1);
+            NodeId::new(m, self.number(q, from_pole, is_north), q)
+        })
+    }
+
+    /// The lattice columns and rows of a node's posts. Columns end at W, not at its other name 0.
+    #[must_use]
+    pub fn post_lines(&self, node: NodeId) -> [PostLine; 2] {
+        let row = self.row(node);
+        let (cells, log_rows) = (i64::from(self.cells), self.log_rows(node.q()));
+        let side = cells << row.log_step;
+        let columns = PostLine::new(i64::from(node.m()) * side, row.log_step, self.cells, [0, self.columns.into()]);
+        let (rows, middle) = (i64::from(self.rows), i64::from(self.middle()));
+        let from_pole = i64::from(row.from_pole) * (cells << log_rows);
+        let rows = match row.is_north {
+            true => PostLine::new(rows - from_pole - (cells << log_rows), log_rows, self.cells, [middle, rows]),
+            false => PostLine::new(from_pole, log_rows, self.cells, [0, middle]),
+        };
+        [columns, rows]
+    }
+
+    /// The lattice row of the edge along which the node beside, towards the pole, has every second
+    /// column of this one; `None` if it has the same columns.
+    #[must_use]
+    pub fn joined_row(&self, node: NodeId) -> Option<u64> {
+        let row = self.row(node);
+        let beside = self.row_of(node.q(), row.from_pole.checked_sub(1)?, row.is_north)?;
+        let at = if row.is_north { self.cells } else { 0 };
+        (beside.log_step > row.log_step).then(|| self.row_post(node, at))
     }
 }

@@ -3,8 +3,8 @@
 //! * [`Ellipsoid`]: positions, places and verticals, in double precision.
 //! * [`GlobeLattice`]: lattice points, nodes and what is beside them, in integers.
 //! * [`Globe`]: where lattice points are. [`GlobeEye`]: the same relative to an eye, in single
-//!   precision, made of terms of columns and of rows. [`NodeBall`]: what space a node may fill, and
-//!   whether it is behind the limb.
+//!   precision, made of terms of columns and of rows. [`GlobeFrame`]: distances and depths. [`GlobeBounds`]:
+//!   what space a node may fill, and whether it is behind the limb.
 //!
 //! Invariant, as of the plane: a vertex depends on its canonical lattice point, its height and the eye
 //! alone, so that it is equal to the bit whichever node names it.
@@ -12,18 +12,23 @@
 mod bounds;
 mod ellipsoid;
 mod eye;
+mod frame;
 mod lattice;
+mod nodes;
 #[cfg(test)]
 mod tests;
 
-pub use bounds::NodeBall;
+pub use bounds::GlobeBounds;
 pub use ellipsoid::{Ellipsoid, Geodetic};
 pub use eye::{GlobeColumn, GlobeEye, GlobeRow};
+pub use frame::GlobeFrame;
 pub use lattice::{GlobeLattice, Side};
 
-use crate::node::NodeId;
 use glam::DVec3;
 use std::f64::consts::{FRAC_PI_2, TAU};
+
+/// Longitudes may be given within so many degrees: a turn from either meridian that maps begin at.
+pub const MOST_LONGITUDE: f64 = 360.0;
 
 /// A body's ground: its lattice on its ellipsoid.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -96,19 +101,9 @@ impl Globe {
         self.body.semi_major_m() * self.row_step / f64::from(1u32 << self.lattice.rows_level())
     }
 
-    /// How much narrower than nominally, 0 to 1, the cells of a node need to be taken to be that is
-    /// cut along longitude alone, for a body-fixed eye at this distance from it. Towards a pole they
-    /// are the narrower the nearer they are to the axis, and ground that is `x` further from the axis
-    /// than the eye is at least `x` away.
+    /// The body as seen from an eye: longitude and latitude in degrees, and height.
     #[must_use]
-    pub fn narrowing(&self, node: NodeId, eye: DVec3, distance_m: f64) -> f64 {
-        if node.q() > self.lattice.rows_level() {
-            return 1.0;
-        }
-        let [_, rows] = self.lattice.span(node);
-        let from_axis = |row| self.body.meridian(self.latitude(row))[0];
-        let widest = from_axis(rows.start).max(from_axis(rows.end));
-        let near = eye.truncate().length() + distance_m;
-        if near < widest { near / widest } else { 1.0 }
+    pub fn eye(&self, eye: DVec3) -> GlobeEye {
+        GlobeEye::new(self.body, Geodetic::of_degrees(eye))
     }
 }

@@ -196,15 +196,24 @@ proptest! {
         (lattice, node) in node(), body in body(), heights in prop::array::uniform2(-8e3f64..9e3), shares in prop::array::uniform3(0.0f64..=1.0), eye in place(), log in 0.3f64..7.5,
     ) {
         let globe = globe(body, lattice);
-        let ball = NodeBall::new(&globe, node, heights);
+        let ball = GlobeBounds::new(&globe, node, heights);
         let [columns, rows] = lattice.span(node);
         let between = |a: f64, b: f64, share: f64| a + share * (b - a);
         let longitude = between(globe.longitude(columns.start), globe.longitude(columns.end), shares[0]);
         let latitude = between(globe.latitude(rows.start), globe.latitude(rows.end), shares[1]);
         let ground = body.position(Geodetic { longitude, latitude, height_m: between(heights[0], heights[1], shares[2]) });
-        prop_assert!((ground - ball.middle).length() <= ball.radius_m * (1.0 + 1e-9) + 1e-6, "{} of {}", (ground - ball.middle).length(), ball.radius_m);
-        let eye = body.position(Geodetic { height_m: 9e3 + 10f64.powf(log), ..eye });
-        prop_assert!(ball.distance_m(&body, eye) <= (ground - eye).length() * (1.0 + 1e-9) + 1e-6);
+        let local = ball.axes.transpose() * (ground - ball.middle);
+        prop_assert!(local.cmpge(ball.low).all() && local.cmple(ball.high).all(), "{local} {ball:?}");
+        let place = Geodetic { height_m: 9e3 + 10f64.powf(log), ..eye };
+        let eye = body.position(place);
+        let distance_m = ball.distance_m(eye, place.height_m);
+        prop_assert!(distance_m <= (ground - eye).length() * (1.0 + 1e-9) + 1e-6);
+        // Posts are no farther apart than their node's nominal ones, as far as they are seen to be.
+        let from_axis = ground.truncate().length();
+        if let Some(widest) = ball.cut_by_columns {
+            let seen = (from_axis - 1e4) / (ground - eye).length();
+            prop_assert!(seen <= widest * ball.narrowing(eye, distance_m) / distance_m.max(1e-3) * (1.0 + 1e-6));
+        }
         if ball.is_behind_limb(&body, eye, -8e3) {
             // The line of sight passes through the ball that all ground is around.
             let way = ground - eye;
@@ -261,12 +270,12 @@ fn leaves(globe: &Globe, eye: Geodetic, culls: bool) -> usize {
     let mut nodes: Vec<NodeId> = globe.lattice().roots().collect();
     let mut count = 0;
     while let Some(node) = nodes.pop() {
-        let ball = NodeBall::new(globe, node, [0.0; 2]);
+        let ball = GlobeBounds::new(globe, node, [0.0; 2]);
         if culls && ball.is_behind_limb(globe.body(), position, 0.0) {
             continue;
         }
-        let distance_m = ball.distance_m(globe.body(), position);
-        let spacing_m = globe.unit_m() * f64::from(1u32 << node.q()) * globe.narrowing(node, position, distance_m);
+        let distance_m = ball.distance_m(position, eye.height_m);
+        let spacing_m = globe.unit_m() * f64::from(1u32 << node.q()) * ball.narrowing(position, distance_m);
         let mut children = globe.lattice().children(node).peekable();
         if children.peek().is_some() && spacing_m > 10.0 / 623.0 * distance_m {
             nodes.extend(children);

@@ -7,19 +7,19 @@ use glam::{DVec3, Vec3};
 /// Distances and depths of points of the surface from an eye. The same inputs give the same bits in
 /// every process.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct EyeFrame {
+pub struct PlaneFrame {
     eye: DVec3,
     forward: DVec3,
 }
 
 /// Terms that are common to all points of a row.
 #[derive(Debug, Clone, Copy)]
-pub struct EyeRow {
+pub struct PlaneRow {
     north2: f64,
     depth: f64,
 }
 
-impl EyeFrame {
+impl PlaneFrame {
     pub(super) fn new(eye: DVec3, forward: DVec3) -> Self {
         Self { eye, forward }
     }
@@ -31,19 +31,19 @@ impl EyeFrame {
         self.eye
     }
 
-    /// Terms that are common to the points of a row: the part of [`EyeFrame::sight`] that is
+    /// Terms that are common to the points of a row: the part of [`PlaneFrame::sight`] that is
     /// computed once.
     #[inline(always)]
     #[must_use]
-    pub fn row(&self, row: Row) -> EyeRow {
+    pub fn row(&self, row: Row) -> PlaneRow {
         let north = row - self.eye.y;
-        EyeRow { north2: north * north, depth: north * self.forward.y }
+        PlaneRow { north2: north * north, depth: north * self.forward.y }
     }
 
     /// Depth and distances of the point at a row, a column and a height (exaggerated).
     #[inline(always)]
     #[must_use]
-    pub fn sight(&self, row: EyeRow, column: Column, height_m: f64) -> Sight {
+    pub fn sight(&self, row: PlaneRow, column: Column, height_m: f64) -> Sight {
         let east = column - self.eye.x;
         let up = height_m - self.eye.z;
         let horizontal2 = east * east + row.north2;

@@ -8,14 +8,14 @@ mod positions;
 
 pub use cell::EyeCell;
 pub use crs::CrsFrame;
-pub use eye::{EyeFrame, EyeRow};
+pub use eye::{PlaneFrame, PlaneRow};
 
 use glam::DVec3;
 
 /// The term of a column in the position of a vertex: metres east of the world's origin.
-pub type Column = f64;
+pub(super) type Column = f64;
 /// The term of a row in the position of a vertex: metres north of the world's origin.
-pub type Row = f64;
+pub(super) type Row = f64;
 
 /// A world's rectangle of a plane, cut into nodes whose vertices are lattice points.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -60,8 +60,8 @@ impl Plane {
 
     /// The surface as seen by an eye that looks along a unit vector.
     #[must_use]
-    pub fn seen_by(&self, eye: DVec3, forward: DVec3) -> EyeFrame {
-        EyeFrame::new(eye, forward)
+    pub fn seen_by(&self, eye: DVec3, forward: DVec3) -> PlaneFrame {
+        PlaneFrame::new(eye, forward)
     }
 }
 

@@ -1,7 +1,7 @@
 use super::*;
 use crate::camera::{Camera, CameraFields};
 use crate::node::NodeId;
-use crate::surface::{LatticePoint, SIDES, Vertices};
+use crate::surface::{LatticePoint, SIDES, VertexTerms};
 use glam::DVec2;
 use glam::Vec3;
 use proptest::prelude::*;
@@ -110,10 +110,13 @@ proptest! {
         let columns: Vec<f32> = lattice[0].iter().map(|x| frame.column_from_eye(plane.column(*x))).collect();
         let rows: Vec<f32> = lattice[1].iter().map(|y| frame.row_from_eye(plane.row(*y))).collect();
         let from_eye: Vec<f32> = heights.iter().map(|z| frame.height_from_eye(*z)).collect();
-        let vertices = Vertices { columns: &columns, rows: &rows, heights: &from_eye };
+        let terms = VertexTerms::of_plane(columns.clone(), rows.clone());
+        let vertices = terms.with_heights(&from_eye);
         let bound = frame.bound(&plane.node_bounds(node, [-100.0, 100.0]));
-        for (j, row) in vertices.by_row().enumerate() {
-            for (i, vertex) in row.enumerate() {
+        for j in 0..9 {
+            let mut row = Vec::new();
+            vertices.for_row(j, |i, vertex| row.push((i, vertex)));
+            for (i, vertex) in row {
                 let point = LatticePoint { x: lattice[0][i], y: lattice[1][j] };
                 let exact = plane.vertex(point, heights[9 * j + i]);
                 prop_assert_eq!(vertex, vertices.at(i, j));

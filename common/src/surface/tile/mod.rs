@@ -22,18 +22,6 @@ pub struct CellPosition {
 }
 
 impl CellPosition {
-    /// Position of lattice coordinate `at` in a tile that begins at `origin` and has `cells` cells
-    /// of `1 << level` lattice units. A coordinate outside of the tile is taken to its border; the
-    /// last post belongs to the last cell.
-    #[inline]
-    #[must_use]
-    pub fn new(at: u64, origin: u64, level: u8, cells: u32) -> CellPosition {
-        let inside = at.saturating_sub(origin).min(u64::from(cells) << level);
-        let cell = ((inside >> level) as u32).min(cells - 1);
-        let rest = inside - (u64::from(cell) << level);
-        CellPosition { cell, offset: rest as f64 / (1u64 << level) as f64 }
-    }
-
     /// Position of a coordinate given in cells from the tile's corner, clamped in the same way.
     #[inline]
     #[must_use]
@@ -59,9 +47,21 @@ pub fn tile_elevation(posts: &[f32], cells: u32, x: CellPosition, y: CellPositio
 #[inline]
 #[must_use]
 pub fn node_elevation(surface: &Surface, node: NodeId, posts: &[f32], point: LatticePoint) -> f64 {
-    let (cells, [x0, y0]) = (surface.cells(), surface.node_origin(node));
-    let (x, y) = (CellPosition::new(point.x, x0, node.q(), cells), CellPosition::new(point.y, y0, node.q(), cells));
-    tile_elevation(posts, cells, x, y)
+    let [columns, rows] = surface.post_lines(node);
+    let y = rows.position(point.y);
+    if surface.joined_row(node) == Some(point.y) {
+        return joined_elevation(posts, surface.cells(), columns.every_second().position(point.x), y);
+    }
+    tile_elevation(posts, surface.cells(), columns.position(point.x), y)
+}
+
+/// Elevation on an edge of a tile on which every second post counts: `x` is a position among these.
+#[inline]
+#[must_use]
+pub fn joined_elevation(posts: &[f32], cells: u32, x: CellPosition, y: CellPosition) -> f64 {
+    let row = (y.cell as usize + usize::from(y.offset > 0.5)) * (cells as usize + 1);
+    let [a, b] = [0, 2].map(|beside| f64::from(posts[row + 2 * x.cell as usize + beside]));
+    a + x.offset * (b - a)
 }
 
 /// The ground at a point.
@@ -137,14 +137,24 @@ pub fn node_ground_with_slope(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::surface::PostLine;
     use proptest::prelude::*;
 
     #[test]
     fn the_last_post_is_the_end_of_the_last_cell() {
-        assert_eq!(CellPosition::new(164, 100, 4, 4), CellPosition { cell: 3, offset: 1.0 });
-        assert_eq!(CellPosition::new(116, 100, 4, 4), CellPosition { cell: 1, offset: 0.0 });
-        assert_eq!(CellPosition::new(999, 100, 4, 4), CellPosition { cell: 3, offset: 1.0 });
-        assert_eq!(CellPosition::new(7, 100, 4, 4), CellPosition { cell: 0, offset: 0.0 });
+        let line = PostLine::even(100, 4, 4);
+        assert_eq!(line.position(164), CellPosition { cell: 3, offset: 1.0 });
+        assert_eq!(line.position(116), CellPosition { cell: 1, offset: 0.0 });
+        assert_eq!(line.position(999), CellPosition { cell: 3, offset: 1.0 });
+        assert_eq!(line.position(7), CellPosition { cell: 0, offset: 0.0 });
+        // Ground that ends within a cell, at either end: the post beyond is there.
+        let line = PostLine::new(-20, 4, 4, [0, 30]);
+        assert_eq!([0, 1, 2, 3, 4].map(|index| line.post(index)), [0, 0, 12, 28, 30]);
+        assert_eq!(line.position(0), CellPosition { cell: 1, offset: 0.0 });
+        assert_eq!(line.position(6), CellPosition { cell: 1, offset: 0.5 });
+        assert_eq!(line.position(29), CellPosition { cell: 3, offset: 0.5 });
+        assert_eq!(line.position(30), CellPosition { cell: 3, offset: 1.0 });
+        assert_eq!([0.0, 6.0, 20.0, 29.0].map(|at| line.place(at)), [1.0, 1.5, 2.5, 3.5]);
     }
 
     #[test]
@@ -164,9 +174,11 @@ mod tests {
             x in 0u64..=64, y in 0u64..=64,
         ) {
             let posts: Vec<f32> = posts.iter().map(|&p| p as f32 / 128.0).collect();
-            let at = |x: u64, y: u64| tile_elevation(&posts, 4, CellPosition::new(x, 0, 4, 4), CellPosition::new(y, 0, 4, 4));
+            let line = PostLine::even(0, 4, 4);
+            let at = |x: u64, y: u64| tile_elevation(&posts, 4, line.position(x), line.position(y));
             let finer: Vec<f64> = (0..81).map(|i| at(i % 9 * 8, i / 9 * 8)).collect();
-            let (fx, fy) = (CellPosition::new(x, 0, 3, 8), CellPosition::new(y, 0, 3, 8));
+            let line = PostLine::even(0, 3, 8);
+            let (fx, fy) = (line.position(x), line.position(y));
             let z = |i: u32, j: u32| finer[((fy.cell + j) * 9 + fx.cell + i) as usize];
             let twice = facet_linear(z(0, 0), z(1, 0), z(0, 1), z(1, 1), fx.offset, fy.offset);
             prop_assert_eq!(at(x, y).to_bits(), twice.to_bits());

@@ -5,7 +5,8 @@
 //! nearly so. The rest of the work per row compiles to SIMD. The result has the bits of
 //! [`facet_linear`], which is exact.
 
-use super::CellPosition;
+use super::{CellPosition, joined_elevation};
+use crate::surface::PostLine;
 use crate::surface::facet::facet_linear;
 
 /// The positions of an array's columns in a tile; keeps its buffers.
@@ -37,16 +38,24 @@ impl TileSampler {
         }
     }
 
-    /// Takes the columns, lattice coordinates, of an array in a tile that begins at `origin` and
-    /// has `cells` cells of `1 << level` lattice units.
-    pub fn enter(&mut self, columns: &[u64], origin: u64, level: u8, cells: u32) {
-        self.stride = cells as usize + 1;
+    /// Takes the columns, lattice coordinates, of an array in a tile whose posts have these, `posts` of
+    /// them a side.
+    pub fn enter(&mut self, columns: &[u64], line: &PostLine, posts: usize) {
+        self.stride = posts;
         self.gathered = None;
         self.is_own = columns.len() == self.stride;
-        for (((index, at), cell), u) in (0u64..).zip(columns).zip(&mut self.cells).zip(&mut self.us) {
-            let position = CellPosition::new(*at, origin, level, cells);
+        for (((index, at), cell), u) in (0i64..).zip(columns).zip(&mut self.cells).zip(&mut self.us) {
+            let position = line.position(*at);
             (*cell, *u) = (position.cell, position.offset);
-            self.is_own &= *at == origin + (index << level);
+            self.is_own &= at.cast_signed() == line.origin() + (index << line.log_step());
+        }
+    }
+
+    /// Elevation along an edge of a tile on which every second post counts, at columns of an array.
+    pub fn interpolate_joined(columns: &[u64], line: &PostLine, posts: &[f32], y: CellPosition, out: &mut [f64]) {
+        let (line, cells) = (line.every_second(), line.cells());
+        for (at, out) in columns.iter().zip(out) {
+            *out = joined_elevation(posts, cells, line.position(*at), y);
         }
     }
 
@@ -106,13 +115,14 @@ mod tests {
             let start = origin + (u64::from(place) % (1 << up)) * u64::from(CELLS << 3);
             let columns: Vec<u64> = (0..=u64::from(CELLS)).map(|i| (start + (i << 3)).min(origin + extent)).collect();
             let mut tile = TileSampler::new(columns.len());
-            tile.enter(&columns, origin, level, CELLS);
+            let line = PostLine::even(origin, level, CELLS);
+            tile.enter(&columns, &line, CELLS as usize + 1);
             let mut row = vec![0.0; columns.len()];
             for y in &columns {
-                let y = CellPosition::new(*y, origin, level, CELLS);
+                let y = line.position(*y);
                 tile.interpolate(&posts, y, &mut row);
                 for (x, z) in columns.iter().zip(&row) {
-                    let x = CellPosition::new(*x, origin, level, CELLS);
+                    let x = line.position(*x);
                     prop_assert_eq!(z.to_bits(), tile_elevation(&posts, CELLS, x, y).to_bits());
                 }
             }

@@ -18,7 +18,7 @@ fn pool(tiles: usize, seed: &mut u64) -> Vec<f32> {
 
 fn empty(slots: u32, exaggeration: f32) -> Pyramid {
     let shape = PoolShape { slots, stride: STRIDE, exaggeration, has_validity: false };
-    Pyramid::new(shape, Surface::new(10.0, [u32::MAX; 2], CELLS), LEVELS)
+    Pyramid::new(shape, Plane::new(10.0, [u32::MAX; 2], CELLS), LEVELS)
 }
 
 /// A tree with some of its nodes left out.
@@ -68,7 +68,7 @@ fn no_ground_rises_above_the_bound_of_a_rectangle_or_of_all() {
     let mut seed = 7;
     let heights = pool(85, &mut seed);
     let mut pyramid = empty(85, 1.5);
-    let distances = LevelDistances::new(&Surface::new(10.0, [u32::MAX; 2], CELLS), 100.0, 5.0);
+    let distances = LevelDistances::new(&Plane::new(10.0, [u32::MAX; 2], CELLS), 100.0, 5.0);
     let (mut found, mut above) = (0, 0);
     for _ in 0..300 {
         fill(&mut pyramid, &heights, &mut seed);

@@ -16,6 +16,8 @@ use std::sync::Arc;
 use terravision_common::world::World;
 
 static SPIRV: &Words<[u8]> = &Words(*include_bytes!(concat!(env!("OUT_DIR"), "/mesh.spv")));
+/// The same for bodies.
+static GLOBE_SPIRV: &Words<[u8]> = &Words(*include_bytes!(concat!(env!("OUT_DIR"), "/mesh-globe.spv")));
 
 /// `Frame` of `mesh.wgsl`: the view, as push constants.
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
@@ -23,7 +25,7 @@ static SPIRV: &Words<[u8]> = &Words(*include_bytes!(concat!(env!("OUT_DIR"), "/m
 pub struct ViewParameters {
     /// First row of the matrix from positions relative to the eye to clip coordinates.
     pub clip_x: [f32; 3],
-    /// Lattice unit, metres.
+    /// Lattice unit, metres; of a body, the eye's height above the ellipsoid.
     pub unit_m: f32,
     /// Second row.
     pub clip_y: [f32; 3],
@@ -33,7 +35,7 @@ pub struct ViewParameters {
     pub clip_w: [f32; 3],
     /// 1 / posts of an elevation array's side.
     pub posts_reciprocal: f32,
-    /// The eye within its lattice cell, metres.
+    /// The eye within its lattice cell, metres; of a body, sine and cosine of its latitude.
     pub eye_in_cell_m: [f32; 2],
     /// Last lattice point of the world, from the eye's cell.
     pub extent_from_cell: [i32; 2],
@@ -53,15 +55,16 @@ pub struct ViewParameters {
 #[derive(Debug, Clone, Copy, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct TileParameters {
-    /// Lower left corner of the elevation leaf, lattice units from the eye's cell.
+    /// Lower left corner of the elevation leaf, lattice units from the eye's cell; of a body, where the
+    /// terms of its columns and of its rows begin.
     pub origin_from_cell: [i32; 2],
-    /// Lower left corner of the colour tile's node, likewise.
+    /// Lower left corner of the colour tile's node, likewise; of a body, in posts from the leaf's corner.
     pub color_origin_from_cell: [i32; 2],
     /// Index of the elevation array's first value.
     pub array_start: u32,
     /// Bits 0-7: level; then four bits each: snap of the west, east, south, north edge.
     pub level_and_snap: u32,
-    /// Texture coordinates per lattice unit.
+    /// Texture coordinates per lattice unit; of a body, per post, east.
     pub color_scale: f32,
     /// Layer of the colour pool.
     pub color_layer: u32,
@@ -71,8 +74,8 @@ pub struct TileParameters {
     pub block_end: u32,
     /// Colour of the outline, RGBA8.
     pub outline: u32,
-    /// Zero.
-    pub reserved: u32,
+    /// Of a body: texture coordinates per post, north.
+    pub color_scale_north: f32,
 }
 
 const _: () = assert!(size_of::<ViewParameters>() == 96 && size_of::<TileParameters>() == 48);
@@ -113,10 +116,14 @@ pub struct TerrainView<'a> {
 
 /// Tiles that a slot has room for at first; it grows.
 const FIRST_TILES: usize = 1024;
+/// Terms of columns and rows, likewise.
+const FIRST_TERMS: usize = 1 << 16;
 
 #[derive(Debug)]
 struct SlotInputs {
     tiles: Buffer,
+    /// Terms of columns and rows, of a body.
+    terms: Option<Buffer>,
     set: vk::DescriptorSet,
 }
 
@@ -150,10 +157,12 @@ impl TerrainPass {
         let device = colors.device();
         let (posts, has_validity) = (world.elevation_posts(), world.has_validity());
         let stages = vk::ShaderStageFlags::VERTEX;
-        let set_layout = pipeline::storage_layout(device, 2, stages)?;
-        let (descriptors, sets) = pipeline::storage_sets(device, &set_layout, 2, slots)?;
+        let is_body = world.globe().is_some();
+        let buffers = if is_body { 3 } else { 2 };
+        let set_layout = pipeline::storage_layout(device, buffers, stages)?;
+        let (descriptors, sets) = pipeline::storage_sets(device, &set_layout, buffers, slots)?;
         let layout = pipeline::layout(device, &[set_layout.get(), colors.set_layout()], stages)?;
-        let module = pipeline::module(device, &SPIRV.0, "mesh")?;
+        let module = pipeline::module(device, if is_body { &GLOBE_SPIRV.0 } else { &SPIRV.0 }, "mesh")?;
         let (vertex, fragment) = entries(has_overlay, has_validity);
         let shape = PipelineShape {
             vertex,
@@ -177,7 +186,10 @@ impl TerrainPass {
         let indices = Buffer::with_indices(device, &indices, "terrain indices")?;
         let slots = sets
             .into_iter()
-            .map(|set| Ok(SlotInputs { tiles: tile_buffer(device, FIRST_TILES)?, set }))
+            .map(|set| {
+                let terms = is_body.then(|| term_buffer(device, FIRST_TERMS)).transpose()?;
+                Ok(SlotInputs { tiles: tile_buffer(device, FIRST_TILES)?, terms, set })
+            })
             .collect::<Result<Vec<_>, GpuError>>()?;
         Ok(Self {
             picture,
@@ -201,6 +213,7 @@ impl TerrainPass {
         recording: &FrameRecording<'_>,
         elevation: &Elevation,
         tiles: &[TileParameters],
+        terms: &[f32],
     ) -> Result<(), GpuError> {
         let index = recording.slot_index();
         let (device, limit) = (recording.device(), self.slots.len() as u64);
@@ -212,18 +225,24 @@ impl TerrainPass {
             slot.tiles = tile_buffer(device, tiles.len().next_power_of_two())?;
         }
         slot.tiles.bytes_mut()[..bytes.len()].copy_from_slice(bytes);
-        let buffers = [elevations, &slot.tiles]
-            .map(|buffer| [vk::DescriptorBufferInfo::default().buffer(buffer.raw()).range(vk::WHOLE_SIZE)]);
-        let write = |binding: u32| {
-            vk::WriteDescriptorSet::default()
-                .dst_set(slot.set)
-                .dst_binding(binding)
-                .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
-                .buffer_info(&buffers[binding as usize])
-        };
+        if let Some(buffer) = &mut slot.terms {
+            let bytes: &[u8] = bytemuck::cast_slice(terms);
+            if buffer.len() < bytes.len() as u64 {
+                *buffer = term_buffer(device, terms.len().next_power_of_two())?;
+            }
+            buffer.bytes_mut()[..bytes.len()].copy_from_slice(bytes);
+        }
+        let buffers = [Some(elevations), Some(&slot.tiles), slot.terms.as_ref()].map(|buffer| {
+            buffer.map(|buffer| [vk::DescriptorBufferInfo::default().buffer(buffer.raw()).range(vk::WHOLE_SIZE)])
+        });
+        let writes = (0u32..).zip(&buffers).filter_map(|(binding, buffer)| {
+            let write = vk::WriteDescriptorSet::default().dst_set(slot.set).dst_binding(binding);
+            Some(write.descriptor_type(vk::DescriptorType::STORAGE_BUFFER).buffer_info(buffer.as_ref()?))
+        });
+        let writes: Vec<_> = writes.collect();
         // SAFETY: buffers and set are alive, and the set is in no pending submit: `recording` is of
         // its slot.
-        unsafe { device.raw().update_descriptor_sets(&[write(0), write(1)], &[]) };
+        unsafe { device.raw().update_descriptor_sets(&writes, &[]) };
         Ok(())
     }
 
@@ -309,6 +328,10 @@ fn index_sections(posts: u32) -> (Vec<u32>, Vec<Vec<u32>>) {
 
 fn tile_buffer(device: &Arc<Device>, tiles: usize) -> Result<Buffer, GpuError> {
     Buffer::new(device, (tiles * size_of::<TileParameters>()) as u64, BufferUse::Storage, "terrain tiles")
+}
+
+fn term_buffer(device: &Arc<Device>, terms: usize) -> Result<Buffer, GpuError> {
+    Buffer::new(device, (terms * size_of::<f32>()) as u64, BufferUse::Storage, "terms of columns and rows")
 }
 
 #[cfg(test)]
