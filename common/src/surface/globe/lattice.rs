@@ -70,8 +70,8 @@ fn ceil_log2(number: u32) -> u8 {
 
 impl GlobeLattice {
     /// A lattice of `columns` around and `rows` from pole to pole, whose nodes have `cells` cells (a
-    /// power of two) a side. `None` when there are fewer than two columns of nodes at the poles, or
-    /// more nodes than ids.
+    /// power of two) a side. `None` when a polar node would be wider than half a turn or
+    /// narrower than a quarter of it, or there are more nodes than ids.
     #[must_use]
     pub fn new(columns: u32, rows: u32, cells: u32) -> Option<Self> {
         let half = rows.div_ceil(2);
@@ -81,8 +81,11 @@ impl GlobeLattice {
         let lattice = Self { columns, rows, cells, rows_level: ceil_log2(half.div_ceil(cells)) };
         // There is a level above all nodes: that of the crown.
         let is_in_ids = lattice.rows_level < MAX_LEVEL / 2 && columns.div_ceil(cells) < 1 << 28;
-        let roots = lattice.row_of(lattice.top(), 0, false).map_or(0, |row| lattice.columns_of(&row));
-        (is_in_ids && (2..=MOST_CHILDREN as u32 / 2).contains(&roots)).then_some(lattice)
+        // No node may be wider than half a turn.
+        let widest = u64::from(cells) << lattice.rows_level.min(31);
+        let roots = u64::from(columns).div_ceil(widest);
+        let is_wide = 2 * widest <= columns.into() && roots <= MOST_CHILDREN as u64 / 2;
+        (is_in_ids && is_wide).then_some(lattice)
     }
 
     /// Lattice columns around, and rows from pole to pole.
