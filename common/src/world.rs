@@ -240,7 +240,11 @@ impl World {
     #[must_use]
     pub fn crs_middle(&self) -> DVec2 {
         let [low, high] = self.crs_bounds();
-        if self.globe().is_some() { 0.5 * (low + high) } else { self.crs_frame().place_of_foot(0.5 * self.plane().end()) }
+        if self.globe().is_some() {
+            0.5 * (low + high)
+        } else {
+            self.crs_frame().place_of_foot(0.5 * self.plane().end())
+        }
     }
 
     /// Distance of two lattice points, metres.

@@ -165,19 +165,6 @@ impl GlobeLattice {
         u64::from(self.columns).div_ceil(u64::from(self.cells) << row.log_step) as u32
     }
 
-    /// The most nodes that a row of a level has, and numbers of rows.
-    #[must_use]
-    pub fn most_nodes(&self, q: u8) -> [u32; 2] {
-        let widest = (0..2).filter_map(|is_north| {
-            let is_north = is_north == 1;
-            // Those near the equator, as far as they have the level.
-            let rows = self.rows_of(q, is_north);
-            let row = (0..=self.rows_level).find_map(|k| self.row_of(q, (rows - 1) >> k, is_north))?;
-            Some(self.columns_of(&row))
-        });
-        [widest.max().unwrap_or(0), self.numbers(q)]
-    }
-
     /// Whether a node is one of the body.
     #[must_use]
     pub fn contains(&self, node: NodeId) -> bool {
