@@ -15,6 +15,7 @@ use terravision_common::run::PlaneTarget;
 use terravision_common::shm::{Control, ElevationWriter, PoolWriter, Producer, RunState, memory};
 use terravision_common::slot::{FrameMarker, Slot, SlotContent, ViewSlot};
 use terravision_common::texels::TexelFormat;
+use terravision_common::world::{World, WorldFields};
 use terravision_renderer::engine::EngineOptions;
 use terravision_renderer::gpu::{DeviceChoice, ElevationPath};
 use terravision_renderer::run::{RunError, RunSummary, run};
@@ -107,11 +108,13 @@ fn a_still_has_picture_depth_and_ground() {
     let tile = scene.leaf(node(0, 0, 1), &camera, [0; 4]);
     scene.frame(&camera, vec![tile]);
     let recording = scene.finish();
+    let fields = WorldFields { origin: [500_000.0, 4_000_000.0], ..*world([16, 16]).fields() };
+    let placed = World::new(fields).unwrap();
     let [png, depth, ground] = ["a.png", "d.tif", "g.tif"].map(|name| base.join(name));
     let sinks: Vec<Box<dyn FrameSink>> = vec![Box::new(AllOf(vec![
         Box::new(PngFileSink::new(&png)),
         Box::new(DepthSink::new(&PlaneTarget::File(depth.clone())).unwrap()),
-        Box::new(GroundSink::new(&PlaneTarget::File(ground.clone()), [500_000.0, 4_000_000.0], 1.0).unwrap()),
+        Box::new(GroundSink::new(&PlaneTarget::File(ground.clone()), placed, 1.0).unwrap()),
     ]))];
     let mut source = RecordedSource::new(recording, 1);
     let with_depth = EngineOptions { has_depth: true, ..options(SIZE) };

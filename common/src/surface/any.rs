@@ -458,6 +458,16 @@ impl Surface {
         }
     }
 
+    /// The one name of a position: longitudes from -180 to 180 degrees.
+    #[must_use]
+    pub fn named(&self, position: DVec3) -> DVec3 {
+        match self {
+            Self::Plane(_) => position,
+            Self::Globe(_) if position.x.abs() <= 180.0 => position,
+            Self::Globe(_) => DVec3::new((position.x + 180.0).rem_euclid(360.0) - 180.0, position.y, position.z),
+        }
+    }
+
     /// The node of a level that contains a foot inside the world; where a body has none as fine, the
     /// finest.
     #[inline]

@@ -32,6 +32,12 @@ pub struct LightArgs {
 }
 
 impl LightArgs {
+    /// Whether a sun lights the ground.
+    #[must_use]
+    pub fn lights_ground(&self) -> bool {
+        !matches!(self.sun, None | Some(SunArg::Off))
+    }
+
     /// What is wrong with flags that need each other, in a sentence.
     #[must_use]
     pub fn fault(&self) -> Option<&'static str> {

@@ -1,5 +1,6 @@
 //! The path that a command line means, in the world's CRS.
 
+use super::body;
 use super::checks::{frame_range, in_range, pace, speed};
 use super::pose::PoseContext;
 use crate::cli::course::{CourseArgs, Rests};
@@ -9,10 +10,11 @@ use crate::failure::Failure;
 use crate::ground::WorldGround;
 use crate::path::crs::Georeference;
 use crate::path::orbit::{self, Orbit, OrbitWishes};
-use crate::path::{self, CameraPath, Course, CourseOptions, PathSettings, Pose, Remarks};
+use crate::path::{self, CameraPath, Course, CourseOptions, Ground, PathSettings, Pose, Remarks};
 use anyhow::anyhow;
-use glam::DVec2;
+use glam::{DVec2, DVec3};
 use std::path::{Path, PathBuf};
+use terravision_common::surface::globe::Globe;
 use terravision_store::Store;
 
 /// Where `--path orbit` is meant, unless a file has that name.
@@ -173,9 +175,34 @@ pub(super) fn pose(
 ) -> Result<(Pose, Vec<String>), Failure> {
     let ground = WorldGround::finest(database, database.world(), exaggeration).bounded(database.ranges());
     let georeference = georeference(database);
-    let context = PoseContext { georeference: &georeference, ground: &ground, is_agl };
+    let context =
+        PoseContext { georeference: &georeference, surface: database.world().surface(), ground: &ground, is_agl };
     let (pose, warning) = super::pose::resolve(args, context)?;
     Ok((pose, georeference.take_doubts().into_iter().chain(warning).collect()))
+}
+
+/// Around a whole body, or around a place of it.
+fn orbit_of_body(args: &CourseArgs, database: &Store, globe: &Globe, exaggeration: f64) -> Result<LoadedPath, Failure> {
+    let loaded = |path, note: String| LoadedPath { path, notes: vec![note], warnings: Vec::new() };
+    let Some(Pair([x, y])) = args.orbit.around else {
+        return Ok(loaded(body::around_body(globe), "around the whole body, over both hemispheres".to_owned()));
+    };
+    let ground = WorldGround::finest(database, database.world(), exaggeration).bounded(database.ranges());
+    let Some(height_m) = ground.height_m(x, y) else {
+        return Err(Failure::bad_input(anyhow!(
+            "--around {x},{y}: expected a longitude from -360 to 360 and a latitude from -90 to 90, in degrees"
+        )));
+    };
+    let metres = |name, value: Option<f64>, usual: f64, low| {
+        in_range(name, value.unwrap_or(usual), low, 1e8, "metres, at most 100000000")
+    };
+    let usual_m = 40.0 * database.world().surface().spacing_m(database.world().surface().rows_level());
+    let radius_m = metres("--radius", args.orbit.radius, usual_m, 0.1)?;
+    let above_m = metres("--height", args.orbit.height, 0.5 * radius_m, -1e5)?;
+    let turns = args.orbit.turns.unwrap_or(1.0);
+    in_range("--turns", turns.abs(), 1e-3, 1e4, "a number of rounds from 0.001 to 10000, negative for clockwise")?;
+    let path = body::around_place(database.world().surface(), DVec3::new(x, y, height_m), radius_m, above_m, turns);
+    Ok(loaded(path, format!("around {x:.3}, {y:.3}, {radius_m:.0} m away and {above_m:.0} m above the ground there")))
 }
 
 fn orbit_path(args: &CourseArgs, database: &Store, exaggeration: f64) -> Result<LoadedPath, Failure> {
@@ -189,6 +216,9 @@ fn orbit_path(args: &CourseArgs, database: &Store, exaggeration: f64) -> Result<
         return Err(only_for_places("--lonlat"));
     }
     let world = database.world();
+    if let Some(globe) = world.globe() {
+        return orbit_of_body(args, database, globe, exaggeration);
+    }
     let spacing = world.plane().end().max_element() / 200.0;
     let coarse = WorldGround::coarse(database, world, exaggeration, spacing).bounded(database.ranges());
     let extent = coarse.extent();

@@ -1,6 +1,7 @@
 //! A plan in the making: what both commands have in common.
 
 use super::FlightPlan;
+use super::body;
 use super::checks::{DEFAULT_FPS, check_distance, decoder_threads, exaggeration, prefetch, realtime};
 use super::drawing::DrawingQuestion;
 use super::light::LightPlan;
@@ -130,6 +131,8 @@ impl<'a> Draft<'a> {
     ) -> Result<FlightPlan, Failure> {
         let world = *self.database.world();
         let rig = self.rig.as_ref();
+        let drawing = drawing.over(&world)?;
+        body::check(self.args, &world)?;
         let mut choice =
             PictureChoice::new(&self.args.picture, rig, &self.settings, self.usual_quality, drawing, &world)?;
         self.warnings.extend(choice.warning.take());
@@ -181,7 +184,7 @@ impl<'a> Draft<'a> {
         for (frame, mut pose) in (self.frames[0]..).zip(std::mem::take(&mut self.poses)) {
             lifted += usize::from(ground::lift(&mut pose, &ground));
             let camera = Camera::new(CameraFields {
-                eye_in_world: world.crs_frame().position(pose.position).to_array(),
+                eye_in_world: world.surface().named(world.crs_frame().position(pose.position)).to_array(),
                 heading_rad: pose.heading_rad,
                 pitch_rad: pose.pitch_rad,
                 roll_rad: pose.roll_rad,

@@ -10,6 +10,7 @@ use anyhow::anyhow;
 use terravision_common::run::{RaysChoice, TechniqueChoice};
 use terravision_common::technique::{Asked, Decision, FoundDevice};
 use terravision_common::texels::TexelFormat;
+use terravision_common::world::World;
 
 /// What is to be decided. The renderer looks for its device meanwhile, where it matters.
 #[derive(Debug)]
@@ -42,6 +43,24 @@ impl DrawingQuestion {
         let is_device_needed = is_open || compression != CompressionArg::Off;
         let device = is_device_needed.then(|| Ok(DeviceQuestion::ask(&own_folder()?))).transpose()?;
         Ok(Self { asked, compression, samples: picture.samples, device })
+    }
+
+    /// The same over a world: bodies are drawn by the mesh alone.
+    ///
+    /// # Errors
+    /// Bad input: rays are asked for over a body.
+    pub(super) fn over(mut self, world: &World) -> Result<Self, Failure> {
+        if world.globe().is_none() {
+            return Ok(self);
+        }
+        let is_rays = self.asked.technique == Some(TechniqueChoice::Rays) || self.asked.rays.is_some();
+        if is_rays {
+            return Err(Failure::bad_input(anyhow!(
+                "--technique rays: rays do not draw whole bodies yet; expected --technique mesh or auto over this world"
+            )));
+        }
+        self.asked.mesh_only = Some("the world is a whole body, which only the mesh draws");
+        Ok(self)
     }
 
     /// Decides. (A renderer that finds the device gone afterwards says so: it draws nothing else.)

@@ -10,6 +10,7 @@
 //! * [`drawing`]: what draws, and how tiles are kept for it. [`supervision`]: what becomes of stages that die.
 //!   [`checks`]: single arguments.
 
+mod body;
 mod checks;
 mod course;
 mod draft;

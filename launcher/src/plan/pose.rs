@@ -9,13 +9,15 @@ use crate::path::crs::{Georeference, Transform};
 use crate::path::{Ground, Pose};
 use anyhow::anyhow;
 use glam::{DVec2, DVec3};
-use terravision_common::surface;
+use terravision_common::surface::{self, Surface};
 
 /// How heights and coordinates of a pose are read.
 #[derive(Clone, Copy)]
 pub(super) struct PoseContext<'a> {
     /// The world's CRS.
     pub(super) georeference: &'a Georeference,
+    /// Where places lie in space.
+    pub(super) surface: &'a Surface,
     /// The ground, as it is drawn.
     pub(super) ground: &'a dyn Ground,
     /// Whether Z is above the ground.
@@ -34,7 +36,7 @@ pub(super) fn resolve(args: &PoseArgs, context: PoseContext<'_>) -> Result<(Pose
     }
     let lifted = pose.position.z - before;
     if let Some(target) = target {
-        pose = towards(pose.position, target, pose.roll_rad);
+        pose = towards(context.surface, pose.position, target, pose.roll_rad);
     }
     let warning = format!(
         "the camera was lifted by {lifted:.1} m, to {CLEARANCE_M} m above the ground: it would have been below that"
@@ -71,7 +73,7 @@ fn aimed(args: &PoseArgs, places: &PlaceReader<'_>) -> Result<(Pose, Option<DVec
             if eye.distance(target) < 1e-3 {
                 return Err(bad("--look-at and --eye are the same place: expected two different ones"));
             }
-            Ok((towards(eye, target, roll_rad), Some(target)))
+            Ok((towards(places.context.surface, eye, target, roll_rad), Some(target)))
         }
         (None, Some(target), Some(from), None) => from_a_distance(target, from, roll_rad, places),
         (None, Some(_), None, None) => Err(bad(
@@ -97,15 +99,16 @@ fn from_a_distance(
     in_range("--from: the distance", distance, 1e-3, 1e9, "metres, from 0.001 to 1000000000")?;
     let azimuth = places.heading(target, azimuth)?;
     let target = places.target(target)?;
-    let eye = target + surface::direction(azimuth, elevation.to_radians()) * distance;
+    let way = surface::direction(azimuth, elevation.to_radians()) * distance;
+    let eye = places.context.surface.moved(target, way);
     // Straight down the direction alone would not tell what is up in the picture.
     let heading_rad = azimuth + std::f64::consts::PI;
     Ok((Pose { position: eye, heading_rad, pitch_rad: -elevation.to_radians(), roll_rad }, Some(target)))
 }
 
 /// A camera that looks at a place; straight down it has north at the top.
-fn towards(eye: DVec3, target: DVec3, roll_rad: f64) -> Pose {
-    let sight = target - eye;
+fn towards(on: &Surface, eye: DVec3, target: DVec3, roll_rad: f64) -> Pose {
+    let sight = on.seen_by(eye, DVec3::Y).way_to(target);
     Pose { position: eye, heading_rad: surface::heading(sight), pitch_rad: surface::pitch(sight), roll_rad }
 }
 

@@ -9,6 +9,7 @@ use terravision_common::database::Index;
 use terravision_common::run::{PlaneTarget, RunConfig, SinkConfig, WindowConfig};
 use terravision_common::shm::{Control, RunId};
 use terravision_common::stage::StageRun;
+use terravision_common::world::World;
 
 /// Most threads that write pictures into a folder.
 const MAX_WORKERS: usize = 4;
@@ -22,8 +23,8 @@ struct Given<'a> {
     /// The database's index.
     #[cfg_attr(not(feature = "window"), expect(dead_code, reason = "only a window needs it"))]
     index: &'a Index,
-    /// Easting and northing of the world's origin.
-    origin: [f64; 2],
+    /// The world, whose places are told.
+    world: World,
     /// Frames that were written by renderers before this one.
     written: u64,
 }
@@ -40,8 +41,8 @@ pub fn sinks_of(
     written: u64,
 ) -> Result<Vec<Box<dyn FrameSink>>, SinkError> {
     let config = run.config();
-    let origin = index.world().fields().origin;
-    let given = Given { config, run: run.id(), control, index, origin, written };
+    let world = *index.world();
+    let given = Given { config, run: run.id(), control, index, world, written };
     let render = &config.render;
     // Files may be written in any order. A stream and shared frames have one, and so have frames
     // that stand in for those before them.
@@ -59,7 +60,7 @@ pub fn sinks_of(
 
 /// The sinks of one worker.
 fn sink_of_worker(given: Given<'_>) -> Result<Box<dyn FrameSink>, SinkError> {
-    let Given { config, origin, .. } = given;
+    let Given { config, world, .. } = given;
     let render = &config.render;
     let picture = picture_sink(&render.sink, given)?;
     let picture = if render.anaglyph { Box::new(AnaglyphSink::new(picture)) } else { picture };
@@ -78,7 +79,7 @@ fn sink_of_worker(given: Given<'_>) -> Result<Box<dyn FrameSink>, SinkError> {
     let mut all = AllOf(Vec::new());
     if let Some(share) = &render.share {
         // First: who reads it waits for it, files can wait.
-        let sink = SharedSink::open(share, config.output_size(), origin, config.exaggeration)?;
+        let sink = SharedSink::open(share, config.output_size(), world, config.exaggeration)?;
         let sink = Box::new(sink.with_made_up(render.made_up));
         all.0.push(if render.anaglyph { Box::new(AnaglyphSink::new(sink)) } else { sink });
     }
@@ -90,7 +91,7 @@ fn sink_of_worker(given: Given<'_>) -> Result<Box<dyn FrameSink>, SinkError> {
         Ok(Box::new(DepthSink::new(target)?.with_made_up(render.made_up)))
     };
     let ground = |target: &PlaneTarget| -> Result<Box<dyn FrameSink>, SinkError> {
-        Ok(Box::new(GroundSink::new(target, origin, config.exaggeration)?.with_made_up(render.made_up)))
+        Ok(Box::new(GroundSink::new(target, world, config.exaggeration)?.with_made_up(render.made_up)))
     };
     let depths = render.depth.iter().map(depth).collect::<Result<_, _>>()?;
     let grounds = render.ground.iter().map(ground).collect::<Result<_, _>>()?;

@@ -9,6 +9,7 @@ use terravision_common::event::monotonic_nanos;
 use terravision_common::rig::Views;
 use terravision_common::run::{MadeUp, ShareConfig};
 use terravision_common::shm::{FrameInfo, FrameRingWriter, FrameShape, SharedName};
+use terravision_common::world::World;
 
 /// Writes the frame ring.
 #[derive(Debug)]
@@ -16,21 +17,21 @@ pub struct SharedSink {
     ring: FrameRingWriter,
     shape: FrameShape,
     name: String,
-    origin: [f64; 2],
+    world: World,
     exaggeration: f64,
     made_up: MadeUp,
 }
 
 impl SharedSink {
-    /// Into the ring that the launcher has made. `origin`: easting and northing of the world's
-    /// origin.
+    /// Into the ring that the launcher has made. `world`: whose places are
+    /// told.
     ///
     /// # Errors
     /// There is no such ring, or it is of other pictures.
-    pub fn open(share: &ShareConfig, size: [u32; 2], origin: [f64; 2], exaggeration: f64) -> Result<Self, SinkError> {
+    pub fn open(share: &ShareConfig, size: [u32; 2], world: World, exaggeration: f64) -> Result<Self, SinkError> {
         let shape = FrameShape { size, has_depth: share.has_depth, has_ground: share.has_ground };
         let ring = FrameRingWriter::open(&SharedName::parse(&share.name)?, shape)?;
-        Ok(Self { ring, shape, name: share.name.clone(), origin, exaggeration, made_up: MadeUp::default() })
+        Ok(Self { ring, shape, name: share.name.clone(), world, exaggeration, made_up: MadeUp::default() })
     }
 
     /// What depth and ground say where the ground was made up; colours tell it in any case.
@@ -65,12 +66,12 @@ impl FrameSink for SharedSink {
         let is_told = || picture.made_up().map(|is_made_up| is_made_up && self.made_up == MadeUp::Nan);
         let depth = reversed.iter().map(|&depth| depth_m(depth) as f32).zip(is_told());
         let depth = depth.map(|(depth, is_nan)| if is_nan { f32::NAN } else { depth });
-        let view = GroundView::new(picture.camera(), self.origin, self.exaggeration);
+        let view = GroundView::new(picture.camera(), &self.world, self.exaggeration);
         let ground = view.positions(reversed, width).zip(is_told());
         let ground = ground.map(|(at, is_nan)| if is_nan { [f64::NAN; 3] } else { at });
         let Picture { frame, is_settled, .. } = picture;
         let camera = &in_the_middle(&picture.views);
-        let info = FrameInfo::new(frame.get(), camera, self.origin, *is_settled, monotonic_nanos());
+        let info = FrameInfo::new(frame.get(), camera, self.world.crs_frame().origin(), *is_settled, monotonic_nanos());
         // Of two eyes side by side the whole.
         let info = FrameInfo { size: picture.size, ..info };
         self.ring.write(&info, picture.rgba, depth, ground)?;

@@ -9,7 +9,7 @@ use std::fs;
 use std::path::Path;
 use terravision_common::camera::{Camera, PicturePlane};
 use terravision_common::run::{MadeUp, PlaneTarget};
-use terravision_common::surface::CrsFrame;
+use terravision_common::world::World;
 use tiff::encoder::colortype::{ColorType, Gray32Float, RGB64Float};
 use tiff::encoder::{TiffEncoder, TiffValue};
 use tiff::tags::{PhotometricInterpretation, SampleFormat, Tag};
@@ -70,18 +70,18 @@ impl FrameSink for DepthSink {
 pub struct GroundSink {
     target: PlaneTarget,
     made_up: MadeUp,
-    origin: [f64; 2],
+    world: World,
     exaggeration: f64,
 }
 
 impl GroundSink {
-    /// To this file, or into this folder, which is made if it is missing. `origin`: easting and
-    /// northing of the world's origin.
+    /// To this file, or into this folder, which is made if it is missing. `world`: whose
+    /// places are told.
     ///
     /// # Errors
     /// The folder cannot be made.
-    pub fn new(target: &PlaneTarget, origin: [f64; 2], exaggeration: f64) -> Result<Self, SinkError> {
-        Ok(Self { target: opened(target)?, made_up: MadeUp::default(), origin, exaggeration })
+    pub fn new(target: &PlaneTarget, world: World, exaggeration: f64) -> Result<Self, SinkError> {
+        Ok(Self { target: opened(target)?, made_up: MadeUp::default(), world, exaggeration })
     }
 
     /// What it says where the ground was made up.
@@ -96,7 +96,7 @@ impl FrameSink for GroundSink {
         let path = self.target.path(picture.frame.get());
         let depths = picture.reversed_depth.ok_or_else(|| SinkError::NoDepth { path: path.clone() })?;
         let width = picture.size[0] as usize;
-        let view = GroundView::new(picture.camera(), self.origin, self.exaggeration);
+        let view = GroundView::new(picture.camera(), &self.world, self.exaggeration);
         let pixels = view.positions(depths, width).zip(picture.made_up());
         match self.made_up {
             MadeUp::Nan => {
@@ -167,14 +167,14 @@ pub(super) struct GroundView {
     eye: DVec3,
     axes: [DVec3; 3],
     plane: PicturePlane,
-    crs: CrsFrame,
+    world: World,
     exaggeration: f64,
 }
 
 impl GroundView {
-    pub(super) fn new(camera: &Camera, origin: [f64; 2], exaggeration: f64) -> Self {
+    pub(super) fn new(camera: &Camera, world: &World, exaggeration: f64) -> Self {
         let (eye, axes, plane) = (camera.eye(), camera.axes_in_world(), camera.picture_plane());
-        Self { eye, axes, plane, crs: CrsFrame::new(origin), exaggeration }
+        Self { eye, axes, plane, world: *world, exaggeration }
     }
 
     /// Of all pixels, in rows of `width` from the top.
@@ -189,8 +189,8 @@ impl GroundView {
     fn at(&self, [column, row]: [usize; 2], reversed: f32) -> [f64; 3] {
         let [right, up, forward] = self.axes;
         let [x, y] = self.plane.place(column as f64 + 0.5, row as f64 + 0.5);
-        let at = self.eye + (forward + right * x + up * y) * depth_m(reversed);
-        let place = self.crs.place(at);
+        let at = self.world.surface().moved(self.eye, (forward + right * x + up * y) * depth_m(reversed));
+        let place = self.world.crs_frame().place(at);
         [place.x, place.y, place.z / self.exaggeration]
     }
 }
@@ -269,6 +269,11 @@ mod tests {
         fs::remove_dir_all(folder).unwrap();
     }
 
+    fn world() -> World {
+        let fields = terravision_testkit::worlds::fields([4096; 2], 10.0, [32, 256]);
+        World::new(terravision_common::world::WorldFields { origin: [5e5, 4e6], ..fields }).expect("valid")
+    }
+
     #[test]
     fn ground_is_where_the_ray_ends() {
         let camera = Camera::new(CameraFields {
@@ -282,7 +287,7 @@ mod tests {
         .expect("valid");
         // Straight down from 1000 m to 200 m: the centre of the uppermost row of pixels is 600 m
         // north of the eye.
-        let view = GroundView::new(&camera, [5e5, 4e6], 2.0);
+        let view = GroundView::new(&camera, &world(), 2.0);
         let at = view.at([2, 0], (NEAR_M / 800.0) as f32);
         let ray = camera.eye() + camera.ray_in_world(2.5, 0.5) * depth_m((NEAR_M / 800.0) as f32);
         assert_eq!(at, [5e5 + ray.x, 4e6 + ray.y, ray.z / 2.0], "the camera's own ray");
@@ -322,7 +327,7 @@ mod tests {
             }
         };
         let depth = |made_up| read(Box::new(DepthSink::new(&target).unwrap().with_made_up(made_up)));
-        let ground = |made_up| read(Box::new(GroundSink::new(&target, [5e5, 4e6], 1.0).unwrap().with_made_up(made_up)));
+        let ground = |made_up| read(Box::new(GroundSink::new(&target, world(), 1.0).unwrap().with_made_up(made_up)));
         let numbers = |values: &[f64]| values.iter().map(|v| !v.is_nan()).collect::<Vec<_>>();
         let plain = depth(MadeUp::Nan);
         assert_eq!((numbers(&plain), plain[0].round()), (vec![true, false, false], 800.0));

@@ -18,6 +18,13 @@ impl CrsFrame {
         Self { origin: DVec2::new(easting, northing) }
     }
 
+    /// Easting and northing of the world's origin.
+    #[inline]
+    #[must_use]
+    pub const fn origin(&self) -> [f64; 2] {
+        [self.origin.x, self.origin.y]
+    }
+
     /// The foot of a place.
     #[inline]
     #[must_use]

@@ -3,13 +3,17 @@ use crate::cli::values::Triple;
 use crate::path::tests::{Plain, utm10};
 use terravision_common::camera::{Camera, CameraFields};
 
+fn plane() -> Surface {
+    Surface::Plane(terravision_common::surface::Plane::new(10.0, [4096; 2], 64))
+}
+
 fn place(text: &str) -> Option<Place> {
     Some(text.parse().unwrap())
 }
 
 fn resolved(args: &PoseArgs, is_agl: bool) -> Result<Pose, String> {
     let georeference = utm10();
-    let context = PoseContext { georeference: &georeference, ground: &Plain, is_agl };
+    let context = PoseContext { georeference: &georeference, surface: &plane(), ground: &Plain, is_agl };
     resolve(args, context).map(|(pose, _)| pose).map_err(|failure| failure.to_string())
 }
 
@@ -106,7 +110,7 @@ fn longitude_and_latitude_are_those_of_proj_and_north_is_true() {
 #[test]
 fn a_camera_in_the_ground_is_lifted_and_still_looks_at_its_target() {
     let georeference = utm10();
-    let context = PoseContext { georeference: &georeference, ground: &Plain, is_agl: false };
+    let context = PoseContext { georeference: &georeference, surface: &plane(), ground: &Plain, is_agl: false };
     let args =
         PoseArgs { eye: place("580000,4980000,50"), look_at: place("580000,4980500,300"), ..PoseArgs::default() };
     let (pose, warning) = resolve(&args, context).unwrap();
