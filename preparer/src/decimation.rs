@@ -13,6 +13,9 @@
 //!   can follow;
 //! * a leaf beside a coarser one is drawn no coarser than that one: along an edge there is one
 //!   step.
+//!
+//! On bodies leaves of one level may have different steps along an edge that they share: what counts
+//! there are the steps.
 
 use crate::heights::{Heights, TileVanished};
 use crate::truncation::{ElevationLeaf, Tiles, Truncation, along};
@@ -67,25 +70,34 @@ impl Decimation {
         self.steps.clear();
         for leaf in leaves {
             let wanted = heights.lowest_level(level, tiles, leaf.node)?;
-            self.drawn.push(wanted.min(self.coarsest_edge(truncation, leaf)));
+            // Below the level at which rows are cut, rows are as far apart as in the leaves beside that
+            // are coarser: all of them are drawn.
+            let wanted = if leaf.node.q() < self.surface.rows_level() { leaf.node.q() } else { wanted };
+            self.drawn.push(wanted.min(leaf.node.q() + self.room(truncation, leaf)));
             self.neighbors.push(truncation.neighbors(leaf.node));
             self.steps.push(self.surface.log_steps(leaf.node));
         }
         self.limit_halves(truncation);
-        for (leaf, neighbors) in leaves.iter().zip(&self.neighbors) {
-            let limit = self.coarsest_edge(truncation, leaf);
-            for neighbor in neighbors.iter().flatten() {
-                let drawn = &mut self.drawn[*neighbor as usize];
-                *drawn = (*drawn).min(limit);
+        for (at, leaf) in leaves.iter().enumerate() {
+            let room = self.room(truncation, leaf);
+            for (side, neighbor) in (0..4).filter_map(|side| Some((side, self.neighbors[at][side]? as usize))) {
+                let further = self.steps[neighbor][along(side)].saturating_sub(self.steps[at][along(side)]);
+                let limit = leaves[neighbor].node.q() + room.saturating_sub(further);
+                self.drawn[neighbor] = self.drawn[neighbor].min(limit);
             }
         }
         self.order.clear();
         self.order.extend(0..leaves.len() as u32);
         self.order.sort_unstable_by_key(|at| Reverse(leaves[*at as usize].node.q()));
         for at in self.order.iter().map(|at| *at as usize) {
-            let coarser = self.neighbors[at].iter().flatten().map(|n| *n as usize);
-            let limits = coarser.filter(|n| leaves[*n].node.q() > leaves[at].node.q()).map(|n| self.drawn[n]);
-            self.drawn[at] = limits.fold(self.drawn[at], u8::min);
+            let q = leaves[at].node.q();
+            for (side, neighbor) in (0..4).filter_map(|side| Some((side, self.neighbors[at][side]? as usize))) {
+                let theirs = leaves[neighbor].node.q();
+                if theirs > q {
+                    let step = self.steps[neighbor][along(side)] + self.drawn[neighbor] - theirs;
+                    self.drawn[at] = self.drawn[at].min(q + step.saturating_sub(self.steps[at][along(side)]));
+                }
+            }
         }
         Ok(())
     }
@@ -123,10 +135,10 @@ impl Decimation {
         }
     }
 
-    /// The coarsest level for the steps between vertices on a leaf's edges: no block of its colour
-    /// leaves may be narrower.
-    fn coarsest_edge(&self, truncation: &Truncation, leaf: &ElevationLeaf) -> u8 {
+    /// log2 of the longest step between vertices on a leaf's edges: no block of its colour leaves may
+    /// be narrower.
+    fn room(&self, truncation: &Truncation, leaf: &ElevationLeaf) -> u8 {
         let finest = truncation.colors_of(leaf).iter().map(|color| color.node.q()).min().unwrap_or(leaf.node.q());
-        finest + self.most - self.surface.lag()
+        self.most - (leaf.node.q() - finest)
     }
 }

@@ -12,6 +12,18 @@ struct Placed {
 const COLUMN_TERMS: u32 = 3u;
 const ROW_TERMS: u32 = 7u;
 
+// The one name of a post: those beyond an edge of the ground lie on it, and are the edge's own. The column of the east edge is in
+// the lowest byte; in the highest one is the row of the edge at the middle of the body, 128 more if it is the southern one.
+fn canonical(tile: Tile, post: vec2<u32>) -> vec2<u32> {
+    let last = frame.posts - 1u;
+    let middle = extractBits(tile.level_and_snap, 24u, 7u);
+    let is_southern = (tile.level_and_snap >> 31u) != 0u;
+    let column = select(post.x, last, post.x >= (tile.level_and_snap & 0xffu));
+    let beyond_south = is_southern && post.y <= middle;
+    let beyond_north = !is_southern && post.y >= middle;
+    return vec2(column, select(select(post.y, last, beyond_north), 0u, beyond_south));
+}
+
 fn placed(tile: Tile, at: vec2<u32>, height_m: f32) -> Placed {
     let column = u32(tile.origin_from_cell.x) + at.x * COLUMN_TERMS;
     let row = u32(tile.origin_from_cell.y) + at.y * ROW_TERMS;

@@ -30,7 +30,8 @@ struct Tile {
     color_origin_from_cell: vec2<i32>,
     // First value of the elevation array.
     array_start: u32,
-    // Bits 0-7: level of the elevation leaf; then four bits each: snap of the west, east, south, north edge.
+    // Bits 0-7: level of the elevation leaf; then four bits each: snap of the west, east, south, north edge. Of a body also
+    // where the ground ends (`canonical`).
     level_and_snap: u32,
     // Texture coordinates per lattice unit; of a body, per post, east.
     color_scale: f32,
@@ -63,12 +64,13 @@ fn post_of(vertex: u32) -> vec2<u32> {
 }
 
 // The post that is drawn in a post's place.
-fn snapped(tile: Tile, post: vec2<u32>) -> vec2<u32> {
+fn snapped(tile: Tile, any_post: vec2<u32>) -> vec2<u32> {
+    let post = canonical(tile, any_post);
     var at = post;
     let last = frame.posts - 1u;
     let snap = tile.level_and_snap;
     // An edge with a coarser neighbour has no other vertices than the neighbour has.
-    if (snap >> 8u) != 0u {
+    if extractBits(snap, 8u, 16u) != 0u {
         if post.x == 0u { at.y &= ~0u << extractBits(snap, 8u, 4u); }
         if post.x == last { at.y &= ~0u << extractBits(snap, 12u, 4u); }
         if post.y == 0u { at.x &= ~0u << extractBits(snap, 16u, 4u); }

@@ -315,6 +315,20 @@ impl Surface {
         [start, side]
     }
 
+    /// The columns of posts at the west and the east edge of a node's ground, and the rows at its south
+    /// and north edge. Posts beyond them lie on them.
+    #[must_use]
+    pub fn edge_posts(&self, node: NodeId) -> [u32; 4] {
+        let last = self.cells();
+        match self {
+            Self::Plane(_) => [0, last, 0, last],
+            Self::Globe(globe) => {
+                let [columns, rows] = globe.post_lines(node);
+                [columns.first_inside(), columns.last_inside(), rows.first_inside(), rows.last_inside()]
+            }
+        }
+    }
+
     /// The place, among the edges of a node, of the one that is a pole: south (2) or north (3).
     #[must_use]
     pub fn pole_of(&self, node: NodeId) -> Option<usize> {
@@ -352,14 +366,14 @@ impl Surface {
         }
     }
 
-    /// The lattice row of the edge of a node along which heights are those between every second of its
-    /// posts, because the node beside has no others there.
+    /// The lattice rows of the south and the north edge of a node, if heights on them are those between
+    /// every second of its posts, because the nodes beside have no others there.
     #[inline]
     #[must_use]
-    pub fn joined_row(&self, node: NodeId) -> Option<u64> {
+    pub fn joined_rows(&self, node: NodeId) -> [Option<u64>; 2] {
         match self {
-            Self::Plane(_) => None,
-            Self::Globe(globe) => globe.lattice().joined_row(node),
+            Self::Plane(_) => [None; 2],
+            Self::Globe(globe) => globe.lattice().joined_rows(node),
         }
     }
 

@@ -52,6 +52,21 @@ impl PostLine {
         self.post(self.cells)
     }
 
+    /// The last of the posts that lie where the first one does.
+    #[must_use]
+    pub fn first_inside(&self) -> u32 {
+        let before = (self.ends[0] - self.origin).max(0) >> self.log_step;
+        (before as u32).min(self.cells)
+    }
+
+    /// The first of the posts that lie where the last one does.
+    #[must_use]
+    pub fn last_inside(&self) -> u32 {
+        let inside = self.ends[1].min(self.origin + (i64::from(self.cells) << self.log_step)) - self.origin;
+        let step = 1i64 << self.log_step;
+        ((inside + step - 1) >> self.log_step) as u32
+    }
+
     /// The place of a post.
     #[inline]
     #[must_use]

@@ -46,9 +46,9 @@ pub struct Heights {
     column_terms: Columns,
     row_terms: Vec<Row>,
     tile: TileSampler,
-    /// Where the posts of the tile lie that was entered, and on which row every second counts.
+    /// Where the posts of the tile lie that was entered, and on which rows every second counts.
     lines: [PostLine; 2],
-    joined_row: Option<u64>,
+    joined_rows: [Option<u64>; 2],
     /// One row of one level.
     row: Vec<f64>,
     /// Levels, then heights, of the whole array.
@@ -71,7 +71,7 @@ impl Heights {
             row_terms: vec![Row::default(); posts],
             tile: TileSampler::new(posts),
             lines: [PostLine::even(0, 0, 1); 2],
-            joined_row: None,
+            joined_rows: [None; 2],
             row: vec![0.0; posts],
             levels: vec![0.0; posts * posts],
             sums: vec![0.0; posts * posts],
@@ -245,13 +245,32 @@ impl Heights {
         make(south_west, 0, 0)?;
         make(south_east, last, 0)?;
         make(north_west, 0, last)?;
-        make(north_east, last, last)
+        make(north_east, last, last)?;
+        self.repeat_edges(leaf.node, out);
+        Ok(())
+    }
+
+    /// Posts that lie on an edge of the ground although others lie beyond them are as high as those.
+    fn repeat_edges(&self, node: NodeId, out: &mut [f32]) {
+        let posts = self.columns.len();
+        let [west, east, south, north] = self.world.surface().edge_posts(node).map(|at| at as usize);
+        for row in 1..=south {
+            out.copy_within(..posts, row * posts);
+        }
+        for row in north..posts - 1 {
+            out.copy_within((posts - 1) * posts..posts * posts, row * posts);
+        }
+        for row in out.chunks_exact_mut(posts).take(posts) {
+            let (first, last) = (row[0], row[posts - 1]);
+            row[..=west].fill(first);
+            row[east..].fill(last);
+        }
     }
 
     fn enter(&mut self, tile: NodeId) {
         let surface = self.world.surface();
         self.lines = surface.post_lines(tile);
-        self.joined_row = surface.joined_row(tile);
+        self.joined_rows = surface.joined_rows(tile);
         self.tile.enter(&self.columns, &self.lines[0], self.columns.len());
     }
 
@@ -259,7 +278,7 @@ impl Heights {
     fn interpolate_row(&mut self, (_, posts): &(NodeId, &[f32]), j: usize) {
         let [columns, rows] = &self.lines;
         let y = rows.position(self.rows[j]);
-        if self.joined_row == Some(self.rows[j]) {
+        if self.joined_rows.contains(&Some(self.rows[j])) {
             TileSampler::interpolate_joined(&self.columns, columns, posts, y, &mut self.row);
         } else {
             self.tile.interpolate(posts, y, &mut self.row);

@@ -64,6 +64,9 @@ impl DeviceTerms {
             first
         });
         parameters.origin_from_cell = [first_column, first_row];
+        let [_, east, south, north] = surface.edge_posts(surface.ancestor(node, tile.elevation_level));
+        let middle = if south > 0 { 128 | south } else { north };
+        parameters.level_and_snap = parameters.level_and_snap & 0x00ff_ff00 | east | middle << 24;
         // A colour tile begins at a post of the leaf, or before it by as many as a whole number.
         parameters.color_origin_from_cell =
             [0, 1].map(|axis| ((color[axis].origin() - leaf[axis].origin()) >> leaf[axis].log_step()) as i32);

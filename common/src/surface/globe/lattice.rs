@@ -347,13 +347,15 @@ impl GlobeLattice {
         [columns, rows]
     }
 
-    /// The lattice row of the edge along which the node beside, towards the pole, has every second
-    /// column of this one; `None` if it has the same columns.
+    /// The lattice rows of the south and the north edge of a node, where the nodes beside have every
+    /// second column of this one; `None` where they have the same columns.
     #[must_use]
-    pub fn joined_row(&self, node: NodeId) -> Option<u64> {
+    pub fn joined_rows(&self, node: NodeId) -> [Option<u64>; 2] {
         let row = self.row(node);
-        let beside = self.row_of(node.q(), row.from_pole.checked_sub(1)?, row.is_north)?;
-        let at = if row.is_north { self.cells } else { 0 };
-        (beside.log_step > row.log_step).then(|| self.row_post(node, at))
+        [(false, 0), (true, self.cells)].map(|(is_north, post)| {
+            let (q, n, nodes) = self.across(node, row, is_north);
+            let beside = self.row_at(q, n).filter(|_| q == node.q() && !nodes.is_empty())?;
+            (beside.log_step > row.log_step).then(|| self.row_post(node, post))
+        })
     }
 }

@@ -49,7 +49,7 @@ pub fn tile_elevation(posts: &[f32], cells: u32, x: CellPosition, y: CellPositio
 pub fn node_elevation(surface: &Surface, node: NodeId, posts: &[f32], point: LatticePoint) -> f64 {
     let [columns, rows] = surface.post_lines(node);
     let y = rows.position(point.y);
-    if surface.joined_row(node) == Some(point.y) {
+    if surface.joined_rows(node).contains(&Some(point.y)) {
         return joined_elevation(posts, surface.cells(), columns.every_second().position(point.x), y);
     }
     tile_elevation(posts, surface.cells(), columns.position(point.x), y)
