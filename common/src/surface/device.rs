@@ -54,7 +54,7 @@ impl Surface {
         }
     }
 
-    /// Whether lattice points can be counted from an eye, which may be so many units from any of them.
+    /// Whether lattice points can be counted from an eye, at most this many units from the lattice.
     #[must_use]
     pub fn is_countable_from(&self, eye: DVec3, most: u64) -> bool {
         match self {

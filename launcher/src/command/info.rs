@@ -147,10 +147,24 @@ fn places_as_text(places: &Places) -> String {
     text
 }
 
+/// How large a world is, and where it lies in its CRS.
+fn extent_as_text(database: &Store) -> String {
+    let world = database.world();
+    let ([width, height], [x, y]) = (world.extent_m(), world.fields().origin);
+    let [columns, rows] = world.extent();
+    let size = match width.max(height) < 1e3 {
+        true => format!("{width:.1} x {height:.1} m"),
+        false => format!("{:.2} x {:.2} km", width / 1e3, height / 1e3),
+    };
+    match world.globe() {
+        Some(_) => format!("the whole body, {size}: {columns} columns around it, {rows} rows from pole to pole"),
+        None => format!("{size}, from {x:.1}, {y:.1} to {:.1}, {:.1}", x + width, y + height),
+    }
+}
+
 fn as_text(database: &Store) -> String {
     let (manifest, world) = (printable_manifest(database.manifest()), database.world());
     let [width, height] = world.extent_m();
-    let [x, y] = world.fields().origin;
     let [low, high] = manifest.elevation.range_m;
     let epsg = manifest.crs.epsg.map_or(String::new(), |epsg| format!(" (EPSG:{epsg})"));
     let void = |area_m2: f64| match area_m2 {
@@ -158,7 +172,7 @@ fn as_text(database: &Store) -> String {
         a => format!(", {:.3} km² without data filled", a / 1e6),
     };
     // Areas count posts, and there is one more along a side than the world has intervals.
-    let post_m = world.elevation_spacing_m(world.finest_elevation_level());
+    let post_m = world.elevation_spacing_m(world.finest_elevation_level().max(world.surface().rows_level()));
     // What became of voids stands on a line of its own, where there were some.
     let void_z = match &manifest.elevation.voids {
         Some(voids) => about_voids(voids, manifest.elevation.void_area_m2, (width + post_m) * (height + post_m)),
@@ -173,7 +187,7 @@ fn as_text(database: &Store) -> String {
     format!(
         "{name}: a terrain database of format {version}, on {body}\n\
          CRS           {crs}{epsg}\n\
-         extent        {extent}, from {x:.1}, {y:.1} to {right:.1}, {top:.1}\n\
+         extent        {extent}\n\
          heights       {low:.1} to {high:.1} m{source_range}\n\
          {places}\
          quad tree     {levels} levels, tiles of {nz} x {nz} intervals and {nc} x {nc} texels\n\
@@ -189,17 +203,12 @@ fn as_text(database: &Store) -> String {
         version = manifest.format_version,
         body = manifest.body.name,
         crs = manifest.crs.name,
-        extent = match width.max(height) < 1e3 {
-            true => format!("{width:.1} x {height:.1} m"),
-            false => format!("{:.2} x {:.2} km", width / 1e3, height / 1e3),
-        },
+        extent = extent_as_text(database),
         places = places_as_text(&Places::of(database)),
-        right = x + width,
-        top = y + height,
         levels = world.levels(),
         nz = world.elevation_tile(),
         nc = world.color_tile(),
-        dz = rounded(world.elevation_spacing_m(world.finest_elevation_level())),
+        dz = rounded(post_m),
         tiles_z = manifest.elevation.archive.tiles,
         bytes_z = bytes_for_people(manifest.elevation.archive.bytes),
         sources_z = sources(&manifest.elevation.sources),

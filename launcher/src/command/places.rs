@@ -42,6 +42,9 @@ impl Places {
     #[must_use]
     pub fn of(database: &Store) -> Self {
         let (manifest, world) = (database.manifest().fields(), database.world());
+        if world.globe().is_some() {
+            return Self { lon_lat: Some([-180.0, -90.0, 180.0, 90.0]), extremes: [None; 2] };
+        }
         let way = Way::of(manifest.crs.proj4.as_deref(), manifest.crs.epsg, manifest.lonlat.as_ref());
         let is_here = database.location().as_path().is_some();
         let [low, high] = manifest.elevation.range_m;

@@ -38,6 +38,20 @@ pub(super) fn check(args: &DrawArgs, world: &World) -> Result<(), Failure> {
     }
 }
 
+/// Refuses what moves the camera by hand.
+///
+/// # Errors
+/// Bad input, in one sentence.
+pub fn check_hands(command: &str, world: &World) -> Result<(), Failure> {
+    if world.globe().is_none() {
+        return Ok(());
+    }
+    Err(Failure::bad_input(anyhow!(
+        "terravision {command}: hands do not move cameras around whole bodies yet; expected terravision fly or terravision still \
+         over this world"
+    )))
+}
+
 /// Once around a body, high enough that all of its limb is seen in turn.
 pub(super) fn around_body(globe: &Globe) -> CameraPath {
     let radius_m = globe.body().semi_major_m();

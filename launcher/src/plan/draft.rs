@@ -250,7 +250,7 @@ impl<'a> Draft<'a> {
             technique: choice.decision.technique,
             technique_reason: choice.decision.reason.to_owned(),
             rays: choice.decision.rays,
-            sky_rgb: picture_choice::sky(picture, &self.settings, &database.manifest().fields().body.name),
+            sky_rgb: picture_choice::sky(picture, &self.settings, database),
             skirt_low_m: low.filter(|_| picture.edge == Edge::Skirt),
             air: light.air,
             samples: choice.samples,

@@ -29,6 +29,7 @@ mod still;
 pub mod supervision;
 mod view;
 
+pub use body::check_hands;
 pub use checks::{frame_range, pace, vfov_of_path};
 pub use course::{LoadedPath, georeference, load_path};
 pub use fly::fly;

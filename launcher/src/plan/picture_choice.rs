@@ -13,6 +13,7 @@ use terravision_common::shm::Layout;
 use terravision_common::technique::Decision;
 use terravision_common::texels::TexelFormat;
 use terravision_common::world::World;
+use terravision_store::Store;
 
 /// Size of a picture for which neither the command line nor the path says one.
 pub const DEFAULT_SIZE: PictureSize = PictureSize { width: 1280, height: 720 };
@@ -109,8 +110,13 @@ fn pixels(size: PictureSize, rig: Option<&Rig>) -> u64 {
 }
 
 /// The sky: as asked, as the path has it, or the body's.
-pub(super) fn sky(picture: &PictureArgs, settings: &PathSettings, body: &str) -> [u8; 3] {
-    picture.sky.map(|Rgb(rgb)| rgb).or(settings.sky_rgb).unwrap_or_else(|| sky_of(body))
+pub(super) fn sky(picture: &PictureArgs, settings: &PathSettings, database: &Store) -> [u8; 3] {
+    let usual = || match database.world().globe() {
+        // Seen from space, and without an atmosphere.
+        Some(_) => [0; 3],
+        None => sky_of(&database.manifest().fields().body.name),
+    };
+    picture.sky.map(|Rgb(rgb)| rgb).or(settings.sky_rgb).unwrap_or_else(usual)
 }
 
 /// The vertical field of view of a picture of that size, radians: as asked, as the path has it, or

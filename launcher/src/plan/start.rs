@@ -20,11 +20,6 @@ const DEFAULT_VFOV_DEG: f64 = 60.0;
 /// Bad input: a field of view that is out of range.
 pub fn start_pose(picture: &PictureArgs, database: &Store) -> Result<(ViewerPose, f64), Failure> {
     let world = database.world();
-    if let Some(globe) = world.globe() {
-        let first = super::body::around_body(globe).course.pose(0, 1.0, 1.0);
-        let first = first.ok_or_else(|| Failure::failed(anyhow!("the round of this body has no pose")))?;
-        return Ok((start_of(&first, 1e6, picture)?, globe.body().semi_major_m()));
-    }
     let spacing = world.plane().end().max_element() / 200.0;
     let ground = WorldGround::coarse(database, world, picture.exaggeration, spacing).bounded(database.ranges());
     let wishes = OrbitWishes::usual(world.elevation_spacing_m(world.finest_elevation_level()));
@@ -36,27 +31,20 @@ pub fn start_pose(picture: &PictureArgs, database: &Store) -> Result<(ViewerPose
     let Some(pose) = first else {
         return Err(Failure::failed(anyhow!("the orbit of this world has no pose")));
     };
-    Ok((start_of(&pose, 10.0, picture)?, round(ground_ahead(&pose, &ground), 0.1)))
-}
-
-/// A number that people can read.
-fn round(value: f64, per_unit: f64) -> f64 {
-    (value * per_unit).round() / per_unit
-}
-
-/// The pose, its coordinates rounded.
-fn start_of(pose: &Pose, per_unit: f64, picture: &PictureArgs) -> Result<ViewerPose, Failure> {
-    let Pose { position, heading_rad, pitch_rad, roll_rad } = *pose;
+    let Pose { position, heading_rad, pitch_rad, roll_rad } = pose;
+    // Numbers that people can read.
+    let round = |value: f64, per_unit: f64| (value * per_unit).round() / per_unit;
     let degrees = |radians: f64| round(radians.to_degrees(), 100.0);
-    Ok(ViewerPose {
-        x: round(position.x, per_unit),
-        y: round(position.y, per_unit),
+    let start = ViewerPose {
+        x: round(position.x, 10.0),
+        y: round(position.y, 10.0),
         z: round(position.z, 10.0),
         heading: degrees(heading_rad).rem_euclid(360.0),
         pitch: degrees(pitch_rad),
         roll: degrees(roll_rad),
         vfov: start_vfov(picture.vfov)?,
-    })
+    };
+    Ok((start, round(ground_ahead(&pose, &ground), 0.1)))
 }
 
 fn start_vfov(asked: Option<f64>) -> Result<f64, Failure> {

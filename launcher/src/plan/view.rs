@@ -64,6 +64,7 @@ pub fn view(mut args: ViewArgs) -> Result<FlightPlan, Failure> {
     args.draw.picture.size = Some(if has_rig { of_rig } else { LARGEST });
     let drawing = DrawingQuestion::new(&args.draw.picture, Quality::Default, args.draw.resources.validation)?;
     let database = open_world(&args.draw.world, &args.draw.database)?;
+    super::body::check_hands("view", database.world())?;
     let (start, ahead_m) = start::start_pose(&args.draw.picture, &database)?;
     if args.path.is_none() {
         // The poses that will come are not known: pictures of two eyes meet on the ground at the

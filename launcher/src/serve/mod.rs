@@ -20,7 +20,7 @@ mod viewer;
 
 use crate::cli::serve::ServeArgs;
 use crate::failure::{ExitStatus, Failure};
-use crate::plan::start_pose;
+use crate::plan::{check_hands, start_pose};
 use crate::process::{interrupt, orphans, own_folder};
 use crate::world::{self, open_world};
 use anyhow::{Context, anyhow};
@@ -67,6 +67,7 @@ pub fn serve(args: &ServeArgs) -> Result<(), Failure> {
     }
     let listener = address::listen(args)?;
     let database = open_world(&args.shared.draw.world, &args.shared.draw.database)?;
+    check_hands("serve", database.world())?;
     let (start, convergence_m) = start_pose(&args.shared.draw.picture, &database)?;
     let settings = flight::settings(args, convergence_m);
     if let Some(fault) = settings.fault() {
