@@ -19,7 +19,12 @@ const FOLDERS: &[&str] = &[
     "raycast/src",
 ];
 /// The home, and its counterpart for graphics devices.
-const HOMES: &[&str] = &["common/src/surface/", "renderer/shaders/surface.wgsl"];
+const HOMES: &[&str] = &[
+    "common/src/surface/",
+    "renderer/shaders/surface.wgsl",
+    "renderer/shaders/plane.wgsl",
+    "renderer/shaders/globe.wgsl",
+];
 
 /// What code looks like that should have asked.
 struct Pattern {
