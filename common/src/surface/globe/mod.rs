@@ -27,7 +27,7 @@ pub use lattice::{GlobeLattice, Side};
 use glam::DVec3;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
-/// Longitudes may be given within so many degrees: a turn from either meridian that maps begin at.
+/// Longitudes may be given within this many degrees: a turn from either meridian that maps begin at.
 pub const MOST_LONGITUDE: f64 = 360.0;
 
 /// A body's ground: its lattice on its ellipsoid.
