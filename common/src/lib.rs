@@ -62,5 +62,6 @@ pub mod top_levels;
 pub mod traversal;
 pub mod tree;
 pub mod validity;
+pub mod vehicle;
 pub mod viewer;
 pub mod world;

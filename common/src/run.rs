@@ -12,6 +12,7 @@ use crate::light::{AirConfig, LightConfig};
 use crate::rate::RateSettings;
 use crate::rig::{Rig, Views};
 use crate::texels::TexelFormat;
+use crate::vehicle::VehiclesConfig;
 use crate::viewer::ViewerPose;
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
@@ -267,6 +268,9 @@ pub struct RenderConfig {
     /// What is burnt into files and streams; `None`: nothing.
     #[serde(default)]
     pub labels: Option<LabelsConfig>,
+    /// What vehicles look like; `None`: there are none.
+    #[serde(default)]
+    pub vehicles: Option<VehiclesConfig>,
     /// Two views are put out as one picture for glasses, red at the left eye and cyan at the right
     /// one.
     pub anaglyph: bool,

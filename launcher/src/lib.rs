@@ -20,6 +20,7 @@ pub mod command;
 pub mod data_set;
 pub mod device;
 pub mod failure;
+pub mod fleet;
 pub mod flight;
 pub mod ground;
 pub mod input;

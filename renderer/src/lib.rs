@@ -10,7 +10,7 @@
 //! * [`technique`]: how they are drawn. [`gpu`]: Vulkan, the only place with `unsafe`. [`engine`]:
 //!   both put together.
 //! * [`skirt`]: the sides of the world, drawn over pictures that are seen from beside it. [`air`]: haze
-//!   and sky, laid over pictures.
+//!   and sky, laid over pictures. [`vehicles`]: likewise, before the air.
 //! * [`stage`]: a run's configuration, [`ports`]: its segments. [`sink`]: where pictures go.
 //!   [`run`]: the frame loop. [`mod@bench`]: what the device and the renderer can do.
 //!
@@ -33,3 +33,4 @@ pub mod skirt;
 pub mod source;
 pub mod stage;
 pub mod technique;
+pub mod vehicles;

@@ -5,8 +5,9 @@ use crate::engine::{EngineOptions, ViewBounds};
 use crate::gpu::DeviceChoice;
 use crate::ports::Ports;
 use crate::run::{self, RunError};
-use crate::sink::sinks_of;
-use crate::sink::workers::SinkWorkers;
+use crate::sink::workers::{Over, SinkWorkers};
+use crate::sink::{SinkError, sinks_of};
+use crate::vehicles::VehicleFeed;
 use terravision_common::database::{DatabaseError, Index};
 use terravision_common::event::{Event, TextKind};
 use terravision_common::run::{RaysChoice, RunConfig};
@@ -66,7 +67,11 @@ pub fn run(run: &StageRun) -> Result<(), RendererError> {
     let written = source.control().written_frames();
     let sinks = sinks_of(run, source.control(), &index, written).map_err(RunError::from)?;
     let air = config.render.air.as_ref().map(|air| Air::new(air, config.render.sky_rgb));
-    let workers = SinkWorkers::start_in_air(sinks, air.as_ref()).map_err(RunError::from)?;
+    let sun = config.light.as_ref().map(|light| light.sun);
+    let vehicles = config.render.vehicles.as_ref();
+    let vehicles = vehicles.map(|vehicles| VehicleFeed::open(run.id(), vehicles, sun, config.realtime.is_some()));
+    let vehicles = vehicles.transpose().map_err(SinkError::from).map_err(RunError::from)?;
+    let workers = SinkWorkers::start_over(sinks, Over { air, vehicles }).map_err(RunError::from)?;
     run::run(
         options(config)?,
         &mut source,
@@ -113,7 +118,8 @@ fn options(config: &RunConfig) -> Result<EngineOptions, RendererError> {
         has_tree_overlay: render.has_tree_overlay,
         has_validation: render.has_validation,
         has_air: render.air.is_some(),
-        has_depth: render.air.as_ref().is_some_and(Air::needs_depth)
+        has_depth: render.vehicles.is_some()
+            || render.air.as_ref().is_some_and(Air::needs_depth)
             || render.labels.as_ref().is_some_and(|labels| labels.has_scale_bar)
             || !render.depth.is_empty()
             || !render.ground.is_empty()

@@ -52,6 +52,7 @@ pub fn config(frames: [u64; 2]) -> RunConfig {
             window: None,
             made_up: Default::default(),
             labels: None,
+            vehicles: None,
             anaglyph: false,
         },
         realtime: None,

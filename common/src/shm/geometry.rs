@@ -60,6 +60,7 @@ impl Geometry {
             SegmentKind::ColorPool => (4096, true, false),
             SegmentKind::ElevationPool => (64, true, false),
             SegmentKind::WantList => (8, false, false),
+            SegmentKind::VehicleTable => (128, false, true),
             _ => (8, false, true),
         };
         if capacity == 0 || capacity > 1 << 31 || item_bytes > 1 << 40 || (is_ring && !capacity.is_power_of_two()) {

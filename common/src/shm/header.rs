@@ -12,7 +12,7 @@ use std::sync::Arc;
 /// "TVSHMSEG", read as a little-endian number.
 const MAGIC: u64 = u64::from_le_bytes(*b"TVSHMSEG");
 /// Must change with every change of a segment's layout, in the same commit.
-pub const LAYOUT_VERSION: u32 = 8;
+pub const LAYOUT_VERSION: u32 = 9;
 /// State of a header that is complete.
 const READY: u32 = 0x5245_4459;
 

@@ -87,11 +87,14 @@ pub enum SegmentKind {
     /// Frames of a film or of Y4M, renderer to launcher: [`super::StreamWriter`],
     /// [`super::StreamReader`]; without arrays where pictures go elsewhere.
     StreamRing = 15,
+    /// Where vehicles are in each frame, launcher to renderer: [`super::VehicleTableWriter`],
+    /// [`super::VehicleTableReader`]; without vehicles where a run has none.
+    VehicleTable = 16,
 }
 
 impl SegmentKind {
     /// All kinds.
-    pub const ALL: [Self; 15] = [
+    pub const ALL: [Self; 16] = [
         Self::Control,
         Self::PingPong,
         Self::Ring,
@@ -107,6 +110,7 @@ impl SegmentKind {
         Self::EventsPrefetcher,
         Self::PathRing,
         Self::StreamRing,
+        Self::VehicleTable,
     ];
 
     /// The last part of the segment's name.
@@ -128,6 +132,7 @@ impl SegmentKind {
             Self::EventsPrefetcher => "events-prefetcher",
             Self::PathRing => "path-ring",
             Self::StreamRing => "stream-ring",
+            Self::VehicleTable => "vehicle-table",
         }
     }
 
@@ -135,7 +140,7 @@ impl SegmentKind {
     #[must_use]
     pub const fn writer(self) -> Option<Stage> {
         match self {
-            Self::Control | Self::CameraRing | Self::PathRing => None,
+            Self::Control | Self::CameraRing | Self::PathRing | Self::VehicleTable => None,
             Self::PingPong | Self::EventsGenerator => Some(Stage::Generator),
             Self::Ring | Self::ElevationRing | Self::WantList | Self::EventsPreparer => Some(Stage::Preparer),
             Self::ColorPool | Self::ElevationPool | Self::TileOutcomes | Self::EventsPrefetcher => {
@@ -153,7 +158,7 @@ impl SegmentKind {
             Self::EventsGenerator | Self::EventsPreparer | Self::EventsRenderer | Self::EventsPrefetcher => None,
             Self::CameraRing => Some(Stage::Generator),
             Self::PingPong | Self::ElevationPool | Self::TileOutcomes => Some(Stage::Preparer),
-            Self::Ring | Self::ElevationRing => Some(Stage::Renderer),
+            Self::Ring | Self::ElevationRing | Self::VehicleTable => Some(Stage::Renderer),
             Self::WantList | Self::PathRing => Some(Stage::Prefetcher),
         }
     }

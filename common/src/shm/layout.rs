@@ -3,6 +3,7 @@
 use super::error::ShmError;
 use super::geometry::{Geometry, half_bytes};
 use super::kind::SegmentKind;
+use super::vehicle_layout::{table_frame_bytes, table_frames};
 use crate::camera::CameraFields;
 use crate::event::Event;
 use crate::outcome::TileOutcome;
@@ -52,6 +53,8 @@ pub struct Layout {
     pub(crate) outcome_slots: u32,
     /// Bytes of a frame of the stream ring; 0 where no stream is made.
     pub(crate) stream_frame_bytes: u64,
+    /// Vehicles of a frame.
+    pub(crate) vehicles: u32,
 }
 
 /// Layers of an image array that every known Vulkan device supports; a colour slot is a layer.
@@ -112,6 +115,7 @@ impl Layout {
             want_tiles: 16384,
             outcome_slots: 16384,
             stream_frame_bytes: 0,
+            vehicles: 0,
         })
     }
 
@@ -172,6 +176,12 @@ impl Layout {
         Self { stream_frame_bytes: frame_bytes, ..self }
     }
 
+    /// Makes room for this many vehicles in each frame.
+    #[must_use]
+    pub fn for_vehicles(self, count: u32) -> Self {
+        Self { vehicles: count, ..self }
+    }
+
     /// A small layout for tests and examples: every segment is there, a few hundred kilobytes in
     /// all.
     #[must_use]
@@ -190,6 +200,7 @@ impl Layout {
             want_tiles: 64,
             outcome_slots: 64,
             stream_frame_bytes: 96,
+            vehicles: 4,
         }
     }
 
@@ -236,6 +247,7 @@ impl Layout {
             SegmentKind::WantList => (self.want_tiles.into(), 8),
             // One is written while the other one is passed on.
             SegmentKind::StreamRing => (2, self.stream_frame_bytes),
+            SegmentKind::VehicleTable => (table_frames(self.vehicles), table_frame_bytes(self.vehicles)),
             SegmentKind::TileOutcomes => (self.outcome_slots.into(), size_of::<TileOutcome>() as u64),
         };
         Geometry::new(kind, capacity, item_bytes)

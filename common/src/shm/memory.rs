@@ -11,6 +11,8 @@ use super::pool::{PoolReader, PoolWriter};
 use super::process::ProcessId;
 use super::region::Region;
 use super::ring::{Consumer, Producer};
+use super::vehicle_layout::{table_frame_bytes, table_frames};
+use super::vehicle_table::{VehicleTableReader, VehicleTableWriter};
 use super::want_list::{WantListReader, WantListWriter};
 use crate::outcome::TileOutcome;
 use bytemuck::Pod;
@@ -84,6 +86,15 @@ pub fn pool(slots: u32, slot_bytes: u64) -> Result<(PoolWriter, PoolReader), Shm
 pub fn want_list(tiles: u32) -> Result<(WantListWriter, WantListReader), ShmError> {
     let segment = segment(SegmentKind::WantList, tiles.into(), 8)?;
     Ok((WantListWriter::attach(&segment)?, WantListReader::attach(&segment)?))
+}
+
+/// Both ends of a table of up to `vehicles` vehicles a frame.
+///
+/// # Errors
+/// Never with numbers of a usual size.
+pub fn vehicle_table(vehicles: u32) -> Result<(VehicleTableWriter, VehicleTableReader), ShmError> {
+    let segment = segment(SegmentKind::VehicleTable, table_frames(vehicles), table_frame_bytes(vehicles))?;
+    Ok((VehicleTableWriter::attach(&segment)?, VehicleTableReader::attach(&segment)?))
 }
 
 /// Both ends of a ring of `capacity` tile outcomes.

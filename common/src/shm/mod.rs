@@ -11,6 +11,7 @@
 //! | colour pool, elevation pool: [`PoolWriter`], [`PoolReader`] | prefetcher | renderer, preparer | `allocate` says so |
 //! | want list: [`WantListWriter`], [`WantListReader`] | preparer | prefetcher | the newest replaces the one before |
 //! | tile outcomes: [`Producer`]/[`Consumer`] of [`crate::outcome::TileOutcome`] | prefetcher | preparer | dropped; told again for the next list |
+//! | vehicle table: [`VehicleTableWriter`], [`VehicleTableReader`] | launcher | renderer | the launcher waits for written frames |
 //! | four event rings: [`Producer`]/[`Consumer`] of [`crate::event::Event`] | a stage | launcher | dropped, counted |
 //!
 //! | frame ring: [`FrameRing`], [`FrameRingWriter`], [`FrameRingReader`] | renderer | other programs | the newest wins |
@@ -68,6 +69,7 @@ mod ring_core;
 mod run_id;
 mod seqlock;
 mod slot_words;
+mod vehicle_layout;
 mod want_core;
 
 #[cfg(not(loom))]
@@ -106,6 +108,8 @@ mod ring;
 mod segments;
 #[cfg(not(loom))]
 mod size;
+#[cfg(not(loom))]
+mod vehicle_table;
 #[cfg(not(loom))]
 mod want_list;
 
@@ -146,5 +150,7 @@ pub use ring::{Consumer, Producer};
 pub use run_id::RunId;
 #[cfg(not(loom))]
 pub use segments::{RunSegments, SegmentMemory, free_bytes, reap_dead_runs};
+#[cfg(not(loom))]
+pub use vehicle_table::{TableHead, VehicleTableReader, VehicleTableWriter};
 #[cfg(not(loom))]
 pub use want_list::{WantBell, WantHead, WantListReader, WantListWatcher, WantListWriter};

@@ -60,6 +60,7 @@ fn typed<T: Pod>(segment: &Arc<Segment>) -> Result<SegmentItems<T>, ShmError> {
             | SegmentKind::ElevationPool
             | SegmentKind::WantList
             | SegmentKind::StreamRing
+            | SegmentKind::VehicleTable
     );
     if !is_ring {
         return Err(ShmError::WrongKind { name: kind.name().to_owned(), kind });

@@ -9,6 +9,7 @@ use super::measurements::MeasurementArgs;
 use super::planes::PlaneArgs;
 use super::realtime::RealtimeArgs;
 use super::supervision::SupervisionArgs;
+use super::vehicles::VehicleArgs;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -47,6 +48,9 @@ pub struct FlyArgs {
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub labels: LabelArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub vehicles: VehicleArgs,
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub film: FilmArgs,

@@ -23,6 +23,7 @@ pub mod still;
 pub mod supervision;
 pub mod technique;
 pub mod values;
+pub mod vehicles;
 pub mod view;
 
 use clap::{Args, Parser, Subcommand};

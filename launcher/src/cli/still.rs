@@ -5,6 +5,7 @@ use super::labels::LabelArgs;
 use super::measurements::MeasurementArgs;
 use super::planes::PLANES_HEADING;
 use super::pose::PoseArgs;
+use super::vehicles::VehicleArgs;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -32,6 +33,9 @@ pub struct StillArgs {
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub labels: LabelArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub vehicles: VehicleArgs,
     /// Also write the depth of every pixel: float32 TIFF, metres along the view axis, NaN for sky
     #[arg(long, value_name = "FILE.tif", help_heading = PLANES_HEADING)]
     pub depth: Option<PathBuf>,

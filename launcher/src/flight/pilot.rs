@@ -4,6 +4,7 @@
 //! whenever a pose comes, whether anybody looks or not.
 
 use crate::data_set::FlownFrame;
+use crate::fleet::Driver;
 use crate::ground::WorldGround;
 use crate::input::{Incoming, LiveCamera};
 use crate::path::MAX_FRAMES;
@@ -18,7 +19,9 @@ use terravision_common::camera::{Camera, is_cut};
 use terravision_common::event::monotonic_nanos;
 use terravision_common::ids::{FrameNumber, Sequence};
 use terravision_common::run::Prediction;
-use terravision_common::shm::{CameraRecord, Control, PoseTimes, Producer, RunState, SegmentKind, ShmError};
+use terravision_common::shm::{
+    CameraRecord, Control, PoseTimes, Producer, RunState, SegmentKind, ShmError, VehicleTableWriter,
+};
 
 /// Between two looks at the end of the run, while no pose comes.
 const TICK: Duration = Duration::from_millis(20);
@@ -95,20 +98,23 @@ impl Pilot {
         let cockpit = Cockpit { control, ring, first, times, path, failure: Arc::clone(&failure) };
         let (tell, messages) = sync_channel(MOST_MESSAGES);
         let period_nanos = plan.config.realtime.as_ref().map(|_| plan.config.period_nanos());
+        let fleet = plan.fleet.take();
+        let table = fleet.as_ref().map(|_| VehicleTableWriter::open(&plan.run)).transpose()?;
         let thread = match plan.live.take() {
-            Some(live) => {
-                let is_realtime = period_nanos.is_some();
-                in_thread("pilot", move || cockpit.fly_live(live, is_realtime, &tell))
-            }
+            Some(live) => in_thread("pilot", move || {
+                let driver = fleet.as_ref().zip(table).map(|(fleet, table)| Driver::new(fleet, table, first));
+                cockpit.fly_live(live, period_nanos, driver, &tell)
+            }),
             None => {
                 let cameras = plan.cameras.clone();
                 in_thread("pilot", move || {
+                    let driver = fleet.as_ref().zip(table).map(|(fleet, table)| Driver::new(fleet, table, first));
                     match period_nanos {
                         Some(period_nanos) => {
                             let foretold = cockpit.path.map(|ring| Foretold::new(ring, period_nanos));
-                            fly_by_the_clock(&cameras, period_nanos, &cockpit.control, foretold);
+                            fly_by_the_clock(&cameras, (period_nanos, first), &cockpit.control, foretold, driver);
                         }
-                        None => cockpit.fly_all(cameras),
+                        None => cockpit.fly_all(cameras, driver),
                     }
                     Flown::default()
                 })
@@ -139,17 +145,20 @@ impl Pilot {
 }
 
 impl Cockpit {
-    fn fly_all(mut self, cameras: Vec<Camera>) {
+    fn fly_all(mut self, cameras: Vec<Camera>, mut driver: Option<Driver<'_>>) {
         for (frame, camera) in (self.first..).zip(cameras) {
-            if !self.push(frame, camera) {
+            if !self.push(frame, camera, &mut driver) {
                 return;
             }
         }
     }
 
-    /// Whether the run goes on: else it has ended, or the generator is gone, and the supervisor
+    /// A frame's camera, behind its vehicles. Whether the run goes on: else it has ended, or the generator is gone, and the supervisor
     /// knows which.
-    fn push(&mut self, frame: u64, camera: Camera) -> bool {
+    fn push(&mut self, frame: u64, camera: Camera, driver: &mut Option<Driver<'_>>) -> bool {
+        if driver.as_mut().is_some_and(|driver| driver.drive(frame, &self.control).is_err()) {
+            return false;
+        }
         self.control.publish_camera(&camera);
         self.ring.push(&CameraRecord { frame, camera: *camera.fields() }, &self.control).is_ok()
     }
@@ -157,7 +166,14 @@ impl Cockpit {
     /// Flies poses as they come, until the sender, the user or the clock ends it, and ends the run.
     /// In exact mode each pose is a frame: waits for them all and returns their number. In realtime
     /// mode the newest is the camera of now.
-    fn fly_live(mut self, live: LiveCamera, is_realtime: bool, tell: &SyncSender<String>) -> Flown {
+    fn fly_live(
+        mut self,
+        live: LiveCamera,
+        period_nanos: Option<f64>,
+        mut driver: Option<Driver<'_>>,
+        tell: &SyncSender<String>,
+    ) -> Flown {
+        let is_realtime = period_nanos.is_some();
         let LiveCamera { mut input, database, exaggeration, idle_timeout } = live;
         let ground = WorldGround::finest(&database, database.world(), exaggeration).bounded(database.ranges());
         // When the run has ended, the receiver is gone. The sender of poses determines the number
@@ -171,6 +187,10 @@ impl Cockpit {
             if is_realtime && self.control.clock_start().is_none() && self.control.completed_sequence() > Sequence::NONE
             {
                 self.control.start_clock(monotonic_nanos());
+            }
+            if let Some((driver, period_nanos)) = driver.as_mut().zip(period_nanos) {
+                let since = |start| monotonic_nanos().saturating_sub(start) as f64 / period_nanos;
+                driver.drive_by_the_clock(self.first + self.control.clock_start().map_or(0.0, since) as u64);
             }
             // Until its first frame is there, the clock waits for nothing but that.
             let tick = if is_realtime && self.control.clock_start().is_none() { LOOK_EVERY } else { TICK };
@@ -192,7 +212,7 @@ impl Cockpit {
                     }
                     if is_realtime {
                         self.control.publish_camera(&camera);
-                    } else if !self.push(self.first + poses, camera) {
+                    } else if !self.push(self.first + poses, camera, &mut driver) {
                         break;
                     } else if flown.len() < MAX_FRAMES as usize {
                         flown.push(FlownFrame { frame: FrameNumber::new(self.first + poses), time_s, camera });
@@ -221,8 +241,16 @@ impl Cockpit {
 
 /// Publishes the camera of now. The clock starts when the first frame is drawn, so that the start
 /// of the stages is no part of the flight.
-fn fly_by_the_clock(cameras: &[Camera], period_nanos: f64, control: &Control, mut foretold: Option<Foretold>) {
+fn fly_by_the_clock(
+    cameras: &[Camera],
+    (period_nanos, first_frame): (f64, u64),
+    control: &Control,
+    mut foretold: Option<Foretold>,
+    mut driver: Option<Driver<'_>>,
+) {
     let Some(first) = cameras.first() else { return };
+    let mut drive = |frame: u64| driver.iter_mut().for_each(|driver| driver.drive_by_the_clock(first_frame + frame));
+    drive(0);
     control.publish_camera(&first.made_at(monotonic_nanos()));
     let mut foretell = || foretold.iter_mut().for_each(|foretold| foretold.tell(cameras));
     foretell();
@@ -247,6 +275,7 @@ fn fly_by_the_clock(cameras: &[Camera], period_nanos: f64, control: &Control, mu
             return;
         }
         let (frame, part) = (step / steps, step % steps);
+        drive(frame);
         let camera = camera_at(cameras, frame as usize, part as f64 / steps as f64);
         control.publish_camera(&camera.made_at(moment));
         foretell();

@@ -98,6 +98,17 @@ pub enum PathError {
         /// What is there instead, and what to do.
         found: String,
     },
+    /// There is no vehicle in it, or too many.
+    #[error(
+        "{} has no vehicles that can be drawn: expected CZML with packets that have a position, or GeoJSON with lines or \
+         points that have times, found {found} (docs/vehicles.md)", path.display()
+    )]
+    NoVehicles {
+        /// The file.
+        path: PathBuf,
+        /// What is there instead.
+        found: String,
+    },
     /// `--agl` was given for a path that says itself how high it is flown.
     #[error(
         "--agl is the height above ground of a track, and {} ({kind}) has heights of its own: leave --agl out",

@@ -22,6 +22,7 @@ pub mod spline;
 mod text;
 pub(crate) mod times;
 mod track;
+pub mod vehicles;
 mod xml;
 mod zip;
 

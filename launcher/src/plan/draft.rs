@@ -3,6 +3,7 @@
 use super::FlightPlan;
 use super::body;
 use super::checks::{DEFAULT_FPS, check_distance, decoder_threads, exaggeration, prefetch, realtime};
+use super::course::georeference;
 use super::drawing::DrawingQuestion;
 use super::light::LightPlan;
 use super::picture_choice::{self, PictureChoice};
@@ -14,12 +15,14 @@ use crate::cli::measurements::MeasurementArgs;
 use crate::cli::picture::{Edge, Overlay, Quality};
 use crate::cli::realtime::RealtimeArgs;
 use crate::cli::values::MemorySize;
+use crate::cli::vehicles::VehicleArgs;
 use crate::failure::Failure;
+use crate::fleet::FleetPlan;
 use crate::ground::{self, WorldGround};
 use crate::machine::bytes_for_people;
 use crate::measure::metrics::MetricsSocket;
 use crate::output::{FrameFolder, TemporaryFile};
-use crate::path::{Ground, PathSettings, Pose};
+use crate::path::{Ground, PathSettings, Pose, Remarks};
 use crate::rig_file::{Pictures, RigFile};
 use crate::stream::StreamTarget;
 use crate::world;
@@ -58,6 +61,7 @@ pub(super) struct Draft<'a> {
     pub(super) share: Option<ShareConfig>,
     pub(super) window: Option<WindowConfig>,
     pub(super) labels: Option<LabelsConfig>,
+    fleet: Option<FleetPlan>,
     pub(super) planes: PlaneFolders,
     pub(super) files: Vec<TemporaryFile>,
     /// The folder of pictures, or one for each view.
@@ -88,6 +92,7 @@ impl<'a> Draft<'a> {
             share: None,
             window: None,
             labels: None,
+            fleet: None,
             planes: PlaneFolders::default(),
             files: Vec::new(),
             folders: Vec::new(),
@@ -111,6 +116,20 @@ impl<'a> Draft<'a> {
             self.rig = Some(rig);
             self.notes.push(note);
         }
+        Ok(())
+    }
+
+    /// Which vehicles there are.
+    ///
+    /// # Errors
+    /// Bad input: a file or a model that cannot be read.
+    pub(super) fn choose_vehicles(&mut self, args: &VehicleArgs) -> Result<(), Failure> {
+        let numbers = [exaggeration(self.args.picture.exaggeration)?, self.fps];
+        let world = (self.args.world.as_path(), &self.args.database);
+        let mut remarks = Remarks::default();
+        self.fleet = FleetPlan::load(args, world, &georeference(&self.database), numbers, &mut remarks)?;
+        self.notes.append(&mut remarks.notes);
+        self.warnings.append(&mut remarks.warnings);
         Ok(())
     }
 
@@ -147,6 +166,7 @@ impl<'a> Draft<'a> {
             SinkConfig::Stream(encoding) => layout.for_stream(encoding.frame_bytes(config.output_size())),
             _ => layout,
         };
+        let layout = layout.for_vehicles(self.fleet.as_ref().map_or(0, |plan| plan.fleet.len() as u32));
         let run = self.run.to_string();
         let temporary = |path: &Path| TemporaryFile::create(path, &run).map_err(Failure::bad_input);
         Ok(FlightPlan {
@@ -159,6 +179,7 @@ impl<'a> Draft<'a> {
             layout,
             cameras,
             live: None,
+            fleet: self.fleet,
             files: self.files,
             folders: self.folders,
             stream: self.stream,
@@ -263,6 +284,7 @@ impl<'a> Draft<'a> {
             share: self.share.take(),
             window: self.window.take(),
             labels: self.labels.take(),
+            vehicles: self.fleet.as_ref().map(|plan| plan.fleet.config()),
             made_up: picture.made_up.into(),
             anaglyph: self.rig.as_ref().is_some_and(|rig| rig.pictures == Pictures::Anaglyph),
         }

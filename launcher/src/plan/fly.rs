@@ -36,6 +36,7 @@ pub fn fly(args: &FlyArgs) -> Result<FlightPlan, Failure> {
     draft.share = live::share(args)?;
     draft.realtime = Some(&args.realtime);
     draft.labels = light::labels(&args.labels);
+    draft.choose_vehicles(&args.vehicles)?;
     choose_output(&mut draft, args)?;
     if draft.labels.is_some() && draft.sink == SinkConfig::Null {
         return Err(Failure::bad_input(anyhow!(

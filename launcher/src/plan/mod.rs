@@ -39,6 +39,7 @@ pub use still::still;
 pub use view::view;
 
 use crate::data_set::DataSet;
+use crate::fleet::FleetPlan;
 use crate::input::LiveCamera;
 use crate::measure::metrics::MetricsSocket;
 use crate::output::{FrameFolder, TemporaryFile};
@@ -66,6 +67,8 @@ pub struct FlightPlan {
     pub cameras: Vec<Camera>,
     /// Where poses come from in place of `cameras`.
     pub live: Option<LiveCamera>,
+    /// The vehicles, if there are any.
+    pub fleet: Option<FleetPlan>,
     /// Files that get their final names at the end.
     pub files: Vec<TemporaryFile>,
     /// Depth and ground of every frame, if they go into files, of each view by itself. Before the

@@ -30,6 +30,7 @@ pub fn still(args: &StillArgs) -> Result<FlightPlan, Failure> {
     draft.poses = vec![pose];
     draft.warnings = warnings;
     draft.labels = light::labels(&args.labels);
+    draft.choose_vehicles(&args.vehicles)?;
     draft.choose_rig()?;
     draft.usual_quality = Quality::Finest;
     check_picture(&args.output)?;

@@ -32,6 +32,7 @@ pub use window::WindowSink;
 
 use crate::gpu::{DevicePicture, GpuError};
 use crate::pixels::PixelPlaces;
+use crate::vehicles::VehicleFeedError;
 use std::io;
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -198,6 +199,13 @@ pub enum SinkError {
         /// How.
         #[from]
         source: WaitError,
+    },
+    /// It is not known where vehicles are.
+    #[error(transparent)]
+    Vehicles {
+        /// Why.
+        #[from]
+        source: VehicleFeedError,
     },
     /// There is no window.
     #[error("{reason}")]

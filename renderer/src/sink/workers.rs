@@ -9,6 +9,7 @@ use super::{FrameSink, Picture, SinkError};
 use crate::air::Air;
 use crate::engine::Finished;
 use crate::pixels::{PixelPlaces, Pixels};
+use crate::vehicles::VehicleFeed;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, TryRecvError, sync_channel};
@@ -16,6 +17,8 @@ use std::thread::JoinHandle;
 use std::time::Duration;
 use terravision_common::event::monotonic_nanos;
 use terravision_common::ids::{FrameNumber, Sequence};
+use terravision_common::vehicle::VehicleRecord;
+use terravision_vehicles::painter::Painter;
 
 /// Frames that wait for one worker, at most. More than there are read-back buffers: handing one
 /// over does not wait.
@@ -42,7 +45,8 @@ pub struct Written {
 
 #[expect(clippy::large_enum_variant, reason = "a box would be an allocation a frame; the queue has room for both")]
 enum Message {
-    Frame(Finished),
+    /// A frame, and where its vehicles are.
+    Frame(Finished, Vec<VehicleRecord>),
     /// All frames were given: complete the output. A queue that closes without it means that the
     /// run was broken off.
     Finish,
@@ -60,8 +64,18 @@ pub struct SinkWorkers {
     needs: PixelPlaces,
     /// Of a sink that decides whether frames have outlines.
     overlay: Option<Arc<AtomicBool>>,
+    vehicles: Option<VehicleFeed>,
     /// Worker of the next frame.
     next: usize,
+}
+
+/// What is laid over pictures before sinks see them.
+#[derive(Debug, Default)]
+pub struct Over {
+    /// Haze and sky.
+    pub air: Option<Air>,
+    /// Vehicles, before the air.
+    pub vehicles: Option<VehicleFeed>,
 }
 
 impl std::fmt::Debug for SinkWorkers {
@@ -76,19 +90,20 @@ impl SinkWorkers {
     /// # Errors
     /// A thread could not be started.
     pub fn start(sinks: Vec<Box<dyn FrameSink>>) -> Result<Self, SinkError> {
-        Self::start_in_air(sinks, None)
+        Self::start_over(sinks, Over::default())
     }
 
-    /// Likewise; pictures get this air before sinks see them.
+    /// Likewise; this is laid over pictures before sinks see them.
     ///
     /// # Errors
     /// A thread could not be started.
-    pub fn start_in_air(sinks: Vec<Box<dyn FrameSink>>, air: Option<&Air>) -> Result<Self, SinkError> {
+    pub fn start_over(sinks: Vec<Box<dyn FrameSink>>, over: Over) -> Result<Self, SinkError> {
+        let Over { air, vehicles } = over;
         // Room for all frames that workers can hold, so that a worker never waits for the frame
         // loop.
         let (done, written) = sync_channel(sinks.len() * (QUEUE + 2));
         let mut needs = sinks.iter().fold(PixelPlaces::NOWHERE, |needs, sink| needs.and(sink.needs()));
-        if air.is_some() && needs.either {
+        if (air.is_some() || vehicles.is_some()) && needs.either {
             // The processor draws it over them.
             needs = PixelPlaces { either: false, host: true, ..needs };
         }
@@ -98,16 +113,17 @@ impl SinkWorkers {
             .enumerate()
             .map(|(index, sink)| {
                 let (messages, queue) = sync_channel(QUEUE);
-                let (done, air) = (done.clone(), air.cloned());
+                let (done, air) = (done.clone(), air.clone());
+                let painter = vehicles.as_ref().map(VehicleFeed::painter);
                 let worker = index as u32;
                 let thread = std::thread::Builder::new()
                     .name(format!("sink {worker}"))
-                    .spawn(move || run_worker(worker, (sink, air), &queue, &done))
+                    .spawn(move || run_worker(worker, (sink, air, painter), &queue, &done))
                     .map_err(|source| SinkError::Write { source, path: "a thread".into() })?;
                 Ok(Worker { messages, thread })
             })
             .collect::<Result<_, SinkError>>()?;
-        Ok(Self { workers, written, needs, overlay, next: 0 })
+        Ok(Self { workers, written, needs, overlay, vehicles, next: 0 })
     }
 
     /// Where they need the pixels of pictures.
@@ -132,12 +148,13 @@ impl SinkWorkers {
     /// Hands a frame to its worker. Waits while the worker's queue is full.
     ///
     /// # Errors
-    /// The worker's sink has failed.
+    /// The worker's sink has failed, or it is not known where the frame's vehicles are.
     pub fn put(&mut self, frame: Finished) -> Result<(), SinkError> {
+        let vehicles = self.vehicles.as_mut().map_or(Ok(Vec::new()), |feed| feed.of_frame(frame.frame))?;
         let worker = self.next % self.workers.len().max(1);
         self.next += 1;
         let Some(worker) = self.workers.get(worker) else { return Err(SinkError::WorkerGone) };
-        worker.messages.send(Message::Frame(frame)).map_err(|_closed| self.failure())
+        worker.messages.send(Message::Frame(frame, vehicles)).map_err(|_closed| self.failure())
     }
 
     /// Why a worker ended.
@@ -206,17 +223,23 @@ impl Drop for SinkWorkers {
 
 fn run_worker(
     worker: u32,
-    (mut sink, air): (Box<dyn FrameSink>, Option<Air>),
+    (mut sink, air, painter): (Box<dyn FrameSink>, Option<Air>, Option<Arc<Painter>>),
     queue: &Receiver<Message>,
     done: &SyncSender<Result<Written, SinkError>>,
 ) -> Result<(), SinkError> {
     loop {
-        let mut frame = match queue.recv() {
-            Ok(Message::Frame(frame)) => frame,
+        let (mut frame, vehicles) = match queue.recv() {
+            Ok(Message::Frame(frame, vehicles)) => (frame, vehicles),
             Ok(Message::Finish) => return sink.finish(),
             Err(_broken_off) => return Ok(()),
         };
         let started_nanos = monotonic_nanos();
+        if let Some(painter) = &painter {
+            let stride = frame.pixels.size()[0] as usize;
+            if let (rgba, Some(depth)) = frame.pixels.planes_mut() {
+                painter.draw((rgba, depth), stride, &frame.views, &vehicles);
+            }
+        }
         if let Some(air) = &air {
             air.draw(&mut frame.pixels, &frame.views);
         }

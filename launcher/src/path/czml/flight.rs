@@ -29,7 +29,7 @@ pub(super) struct Place {
     pub(super) position: DVec3,
 }
 
-fn between(a: &Place, b: &Place, s: f64) -> Place {
+pub(super) fn between(a: &Place, b: &Place, s: f64) -> Place {
     let east = wrapped(b.geodetic.longitude_deg - a.geodetic.longitude_deg);
     let mix = |a: f64, b: f64| a + (b - a) * s;
     Place {
@@ -67,7 +67,7 @@ pub(super) fn parts(positions: &[Piece<Place>], availability: &[[f64; 2]]) -> Ve
 }
 
 /// The way as a curve; the camera on it looks north.
-fn curve(part: &Piece<Place>) -> Option<(f64, Spline)> {
+pub(super) fn curve(part: &Piece<Place>) -> Option<(f64, Spline)> {
     let start = part.times.first().copied().unwrap_or(0.0);
     let pose = |position| Pose { position, heading_rad: 0.0, pitch_rad: 0.0, roll_rad: 0.0 };
     let mut keys: Vec<Key> = Vec::with_capacity(part.values.len());
@@ -168,7 +168,7 @@ pub(super) fn oriented(
 }
 
 /// The moments of a part at which its position or its orientation is known, in order.
-fn moments(part: &Piece<Place>, orientations: &[Piece<DQuat>]) -> Vec<f64> {
+pub(super) fn moments(part: &Piece<Place>, orientations: &[Piece<DQuat>]) -> Vec<f64> {
     let [from, to] = match (part.times.first(), part.times.last()) {
         (Some(first), Some(last)) => [*first, *last],
         _ => part.interval,
@@ -202,6 +202,18 @@ fn moments(part: &Piece<Place>, orientations: &[Piece<DQuat>]) -> Vec<f64> {
     kept
 }
 
+/// The rotation from the body's axes to east, north and up at a place, at a moment; and whether it is
+/// that of another moment. There is at least one orientation.
+pub(super) fn local_turn(there: Geodetic, t: f64, orientations: &[Piece<DQuat>]) -> (DQuat, bool) {
+    let after = orientations.partition_point(|turns| turns.interval[0] <= t);
+    let turns = &orientations[after.saturating_sub(1)];
+    let is_there = turns.times.is_empty()
+        || turns.times.first().is_some_and(|first| *first <= t) && turns.times.last().is_some_and(|last| t <= *last);
+    let is_held = !is_there || !(turns.interval[0]..=turns.interval[1]).contains(&t);
+    let turn = turns.value(t, |a, b, s| slerp(*a, *b, s)).unwrap_or(DQuat::IDENTITY);
+    (DQuat::from_mat3(&east_north_up(there.longitude_deg, there.latitude_deg).transpose()) * turn, is_held)
+}
+
 /// A flight in the making.
 struct Flight {
     pieces: Vec<Spline>,
@@ -222,17 +234,11 @@ impl Flight {
         orientations: &[Piece<DQuat>],
         lonlat: &Transform,
     ) -> Result<Pose, super::super::crs::CrsError> {
-        let after = orientations.partition_point(|turns| turns.interval[0] <= t);
-        let turns = &orientations[after.saturating_sub(1)];
-        let is_there = turns.times.is_empty()
-            || turns.times.first().is_some_and(|first| *first <= t)
-                && turns.times.last().is_some_and(|last| t <= *last);
-        self.held += usize::from(!is_there || !(turns.interval[0]..=turns.interval[1]).contains(&t));
-        let turn = turns.value(t, |a, b, s| slerp(*a, *b, s)).unwrap_or(DQuat::IDENTITY);
+        let (turn, is_held) = local_turn(there.geodetic, t, orientations);
+        self.held += usize::from(is_held);
         let (longitude, latitude) = (there.geodetic.longitude_deg, there.geodetic.latitude_deg);
-        let local_from_fixed = DQuat::from_mat3(&east_north_up(longitude, latitude).transpose());
         // The body's axes are ahead, left and up; the camera's are right, ahead and up.
-        let attitude = (local_from_fixed * turn * DQuat::from_rotation_z(-FRAC_PI_2)).normalize();
+        let attitude = (turn * DQuat::from_rotation_z(-FRAC_PI_2)).normalize();
         let pose = pose_from_attitude(there.position, attitude);
         Ok(Pose { heading_rad: lonlat.heading(longitude, latitude, pose.heading_rad)?, ..pose })
     }

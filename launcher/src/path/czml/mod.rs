@@ -9,6 +9,9 @@ mod flight;
 mod objects;
 mod samples;
 mod time;
+mod vehicles;
+
+pub(super) use vehicles::read as read_vehicles;
 
 use super::crs::Georeference;
 use super::ecef::{Ellipsoid, Geodetic};

@@ -30,8 +30,8 @@ pub(super) struct Object<'a> {
     /// How many values its position has.
     extent: Option<Extent>,
     is_inertial: bool,
-    /// What of [`DRAWN`] it has.
-    drawn: [bool; DRAWN.len()],
+    /// What of [`DRAWN`] it has, the last of each.
+    drawn: [Option<&'a RawValue>; DRAWN.len()],
 }
 
 /// All objects that have a position, and what else is of interest.
@@ -43,7 +43,17 @@ pub(super) struct Objects<'a> {
     others: usize,
 }
 
-impl Object<'_> {
+impl<'a> Object<'a> {
+    /// What it is drawn as, by the name of CZML.
+    pub(super) fn drawn_as(&self, name: &str) -> Option<&'a RawValue> {
+        DRAWN.iter().position(|(key, _)| *key == name).and_then(|at| self.drawn[at])
+    }
+
+    /// Whether it has a place in a frame that turns with the ground.
+    pub(super) fn is_placed(&self) -> bool {
+        self.extent() != Extent::None && !self.is_inertial
+    }
+
     /// The object, for messages.
     pub(super) fn place(&self) -> String {
         match &self.id {
@@ -119,8 +129,13 @@ impl<'a> Objects<'a> {
         object.orientations.extend(orientation);
         object.availability = availability.or(object.availability);
         let drawn = fields(raw.get(), &DRAWN.map(|(key, _)| key)).unwrap_or_default();
-        object.drawn.iter_mut().zip(drawn).for_each(|(has, found)| *has |= found.is_some());
+        object.drawn.iter_mut().zip(drawn).for_each(|(has, found)| *has = found.or(*has));
         Ok(())
+    }
+
+    /// All that have a position or an orientation, in the order of the file.
+    pub(super) fn all(&self) -> &[Object<'a>] {
+        &self.objects
     }
 
     /// The object that is flown: the first that moves against the ground, else one that looks.
@@ -162,7 +177,7 @@ impl<'a> Objects<'a> {
         ]);
         notes.extend(others.map(|others| format!("beside {} the file has {others}, not flown", flown.place())));
         let drawn: Vec<&str> =
-            DRAWN.iter().zip(flown.drawn).filter(|(_, has)| *has).map(|((_, name), _)| *name).collect();
+            DRAWN.iter().zip(flown.drawn).filter(|(_, has)| has.is_some()).map(|((_, name), _)| *name).collect();
         if let Some((last, before)) = drawn.split_last() {
             let names = if before.is_empty() { (*last).into() } else { format!("{} and {last}", before.join(", ")) };
             notes.push(format!("of {} the way is flown, without its {names}", flown.place()));

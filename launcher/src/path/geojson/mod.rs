@@ -6,6 +6,9 @@
 //! ([`TIMES`]).
 
 mod shapes;
+mod vehicles;
+
+pub(super) use vehicles::read as read_vehicles;
 
 use super::crs::{Georeference, Transform};
 use super::gpx::{MAX_POINTS, wrapped};

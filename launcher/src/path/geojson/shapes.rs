@@ -30,6 +30,11 @@ impl Shapes {
         }
     }
 
+    /// The lines, and the points with times, a segment for each track.
+    pub(super) fn moving(self) -> [Vec<Segment>; 2] {
+        [self.lines, self.tracks]
+    }
+
     /// What is flown; what is not is told.
     ///
     /// # Errors
