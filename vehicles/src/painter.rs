@@ -8,9 +8,9 @@ use terravision_common::light::Sun;
 use terravision_common::rig::View;
 use terravision_common::vehicle::{IS_THERE, VehicleLook, VehicleRecord, VehiclesConfig};
 
-/// What is this wide on the picture, pixels, has all of its triangles; what is this wide at least those
-/// of the next level, and so on.
-const LEVEL_PX: [f32; 2] = [72.0, 18.0];
+/// What is this wide on the picture, pixels, has all of its triangles; what is less wide those of the
+/// next level, whose cells are about a pixel, and so on.
+const LEVEL_PX: [f32; 2] = [48.0, 12.0];
 /// Of a vehicle that is nearer than this all that is nearer is cut off, as a share of the near plane.
 const CUT: f32 = 0.25;
 /// A point of a side of this many pixels stands for vehicles that have none of their own.

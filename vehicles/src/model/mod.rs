@@ -73,7 +73,7 @@ pub struct Model {
 }
 
 /// Cells along the longest side of the grids that coarser levels are made on.
-const COARSE_CELLS: [u32; 2] = [18, 6];
+const COARSE_CELLS: [u32; 2] = [48, 12];
 /// A coarser level has at most this share of the triangles before it, or it is not worth having.
 const WORTH: f64 = 0.7;
 

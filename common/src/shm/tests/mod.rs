@@ -6,6 +6,7 @@ mod pool;
 mod processes;
 mod ring;
 mod segments;
+mod vehicle_table;
 mod waits;
 mod want_list;
 
