@@ -40,6 +40,8 @@ pub enum Verb {
     Queues,
     /// Questions to the ground: heights, lines of sight and spheres per second on one core
     Query,
+    /// Vehicles: what one of 400 costs, and a flight with them against the same without
+    Vehicles,
     /// Ingest: megabytes of source pixels per second
     Ingest,
     /// The same views over databases of 1, 16 and 256 times the area: whether a frame costs more

@@ -23,4 +23,5 @@ pub mod run;
 pub mod session;
 pub mod stages;
 pub mod techniques;
+pub mod vehicles;
 pub mod world;

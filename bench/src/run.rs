@@ -6,7 +6,7 @@ use crate::flight::Flight;
 use crate::machine::Machine;
 use crate::measurement::summary;
 use crate::session::Settings;
-use crate::{flat, link, long_run, quality, query, queues, rays, realtime, stages, techniques, world};
+use crate::{flat, link, long_run, quality, query, queues, rays, realtime, stages, techniques, vehicles, world};
 use anyhow::Context;
 use std::path::PathBuf;
 use terravision_common::run::{RaysChoice, TechniqueChoice};
@@ -45,6 +45,7 @@ fn measure(verb: &Verb, options: &Options, findings: &mut Findings) -> anyhow::R
             findings.measurements.extend(queues::run(queues::Load::default()).context("queues")?);
             Ok(())
         }
+        Verb::Vehicles => vehicles::run(&world::database(options)?, findings).context("vehicles"),
         Verb::Query => query::run(&world::database(options)?, findings).context("query"),
         Verb::Rays(args) => {
             rays::run(args.rounds, findings).context("rays")?;

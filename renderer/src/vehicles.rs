@@ -46,8 +46,8 @@ pub struct VehicleFeed {
 }
 
 impl VehicleFeed {
-    /// Of a run; `has_gaps`: against the clock, where vehicles that are not known yet stay where they
-    /// were.
+    /// Of a run; `has_gaps`: against the clock, where vehicles that are not known yet stay where
+    /// they were.
     ///
     /// # Errors
     /// [`VehicleFeedError`].

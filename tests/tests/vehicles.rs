@@ -1,5 +1,5 @@
-//! Vehicles over pictures: the same by every technique, hidden by the ground before them, in depth too,
-//! and wrong ones told in a sentence.
+//! Vehicles over pictures: the same by every technique, hidden by the ground before them, in depth
+//! too, and wrong ones told in a sentence.
 
 #![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -76,7 +76,8 @@ fn a_vehicle_before_the_ridge_is_seen_by_all_techniques_and_one_behind_it_is_not
         let pixels = differing(&plain, &before);
         assert!(pixels.len() > 1000, "{way}: {} pixels", pixels.len());
         for pixel in &pixels {
-            // Depth is the vehicle's: 96 to 100 m, or 290 to 310 m away, nearer than what is behind it.
+            // Depth is the vehicle's: 96 to 100 m, or 290 to 310 m away, nearer than what is behind
+            // it.
             let [with, without] = [before.depth[*pixel], plain.depth[*pixel]];
             assert!((80.0..120.0).contains(&with) || (270.0..320.0).contains(&with), "{way}: {with}");
             assert!(without.is_nan() || with < without, "{way}: {with} {without}");
@@ -144,7 +145,7 @@ fn bad_vehicles_are_told_before_anything_is_drawn() {
     let eye = [ORIGIN[0] + 1280.0, ORIGIN[1] + 600.0, f64::from(PLAIN_M) + 12.0];
     let shot = Shot { size: [64, 36], ..Shot::new(&world, Pose::new(eye, 0.0, -2.0)) };
     let good = std::fs::read_to_string(fleet(&folder, "good.geojson", &[([1280.0, 700.0], 2.0)])).unwrap();
-    let mut refused = |text: &str, more: &[&str], told: &str| {
+    let refused = |text: &str, more: &[&str], told: &str| {
         std::fs::write(folder.join("bad.geojson"), text).unwrap();
         let finished = shot.command(&folder).arg("--vehicles").arg(folder.join("bad.geojson")).args(more).run();
         finished.assert_told(2);

@@ -3,15 +3,15 @@
 use crate::model::{Material, Mesh, Model, ModelError, Vertex};
 use crate::raster::{Canvas, Corner, Paint};
 use glam::{DVec3, Mat3, Quat, Vec3};
-use terravision_common::light::Brightness;
-use terravision_common::light::Sun;
+use terravision_common::light::{Brightness, Sun};
 use terravision_common::rig::View;
 use terravision_common::vehicle::{IS_THERE, VehicleLook, VehicleRecord, VehiclesConfig};
 
-/// What is this wide on the picture, pixels, has all of its triangles; what is less wide those of the
-/// next level, whose cells are about a pixel, and so on.
+/// What is this wide on the picture, pixels, has all of its triangles; what is less wide those of
+/// the next level, whose cells are about a pixel, and so on.
 const LEVEL_PX: [f32; 2] = [48.0, 12.0];
-/// Of a vehicle that is nearer than this all that is nearer is cut off, as a share of the near plane.
+/// Of a vehicle that is nearer than this all that is nearer is cut off, as a share of the near
+/// plane.
 const CUT: f32 = 0.25;
 /// A point of a side of this many pixels stands for vehicles that have none of their own.
 pub const USUAL_POINT_PX: f32 = 3.0;
@@ -124,7 +124,8 @@ impl Painter {
                 }
             }
             None if middle.z >= self.near_m => {
-                // As near as its nearest part: ground that is drawn in coarse facets does not hide it.
+                // As near as its nearest part: ground that is drawn in coarse facets does not hide
+                // it.
                 let nearest = (middle.z - radius).max(self.near_m);
                 let rgb = look.rgb.map(|v| f32::from(v) / 255.0);
                 canvas.point(lens.place(middle), point_px, self.near_m / nearest, rgb);
@@ -175,7 +176,8 @@ impl Lens {
         Self { focal_px, half_px, middle_px, slant, near_m }
     }
 
-    /// Whether anything of a ball may be in the picture, or of a point of so many pixels at its middle.
+    /// Whether anything of a ball may be in the picture, or of a point of that many pixels at its
+    /// middle.
     fn may_show(&self, middle: Vec3, radius: f32, point_px: f32) -> bool {
         if middle.z + radius < CUT * self.near_m {
             return false;

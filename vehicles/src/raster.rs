@@ -57,8 +57,8 @@ struct Edge {
 }
 
 impl Edge {
-    /// From a corner to the next, the inside at its right on the picture (whose y goes down). Of pixels
-    /// on the edge itself those are inside whose edge is an upper or a left one.
+    /// From a corner to the next, the inside at its right on the picture (whose y goes down). Of
+    /// pixels on the edge itself those are inside whose edge is an upper or a left one.
     fn new(from: [i64; 2], to: [i64; 2]) -> Self {
         let [dx, dy] = [to[0] - from[0], to[1] - from[1]];
         let is_top_left = dy < 0 || (dy == 0 && dx > 0);
@@ -86,8 +86,8 @@ impl Slope {
 }
 
 impl Canvas<'_> {
-    /// Draws a triangle where it is nearer than what is there. Its front is counter-clockwise as it is
-    /// seen.
+    /// Draws a triangle where it is nearer than what is there. Its front is counter-clockwise as it
+    /// is seen.
     pub fn triangle(&mut self, corners: &[Corner; 3], paint: &Paint<'_>) {
         if corners.iter().any(|corner| !corner.place.iter().all(|v| v.abs() < FARTHEST_PX)) {
             return;

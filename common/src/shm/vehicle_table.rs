@@ -1,8 +1,8 @@
 //! The vehicle table: where vehicles are in each frame, from the launcher to the renderer.
 //!
 //! Frame f lies in place f modulo the number of places, each behind a sequence lock of its own
-//! ([`super::want_core`]). Whoever writes frame f has to know that the frame that was there before
-//! is drawn. Other programs may read the table, too (docs/vehicles.md).
+//! ([`super::want_core`]). The one that writes frame f has to know that the frame that was there
+//! before is drawn. Other programs may read the table, too (docs/vehicles.md).
 
 use super::error::ShmError;
 use super::header::{Role, RoleClaim, Segment};
@@ -117,8 +117,8 @@ impl VehicleTableReader {
         Ok(Self { segment: Arc::clone(segment), room, words: Vec::new(), _claim: claim })
     }
 
-    /// The vehicles of a frame; `None` where the table does not have that frame, now. Vehicles whose
-    /// numbers are none are left out ([`VehicleRecord::is_valid`]).
+    /// The vehicles of a frame; `None` where the table does not have that frame, now. Vehicles
+    /// whose numbers are none are left out ([`VehicleRecord::is_valid`]).
     ///
     /// # Errors
     /// [`ShmError::Corrupt`] when it counts more vehicles than fit.

@@ -5,6 +5,7 @@ use super::labels::LabelArgs;
 use super::measurements::MeasurementArgs;
 use super::realtime::Switch;
 use super::supervision::SupervisionArgs;
+use super::vehicles::VehicleArgs;
 use clap::Args;
 use std::path::PathBuf;
 
@@ -54,6 +55,9 @@ pub struct ViewArgs {
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub labels: LabelArgs,
+    #[command(flatten)]
+    #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
+    pub vehicles: VehicleArgs,
     #[command(flatten)]
     #[expect(missing_docs, reason = "documented on the type; a text here would replace the command's help")]
     pub supervision: SupervisionArgs,

@@ -17,28 +17,30 @@ pub struct Driver<'a> {
     ground: WorldGround<'a>,
     table: VehicleTableWriter,
     first: u64,
+    fps: f64,
     /// Against the clock: the frame that comes next.
     next: u64,
     records: Vec<VehicleRecord>,
 }
 
 impl<'a> Driver<'a> {
-    /// For frames from `first` on.
+    /// For frames from `first` on, `fps` a second.
     #[must_use]
-    pub fn new(plan: &'a FleetPlan, table: VehicleTableWriter, first: u64) -> Self {
+    pub fn new(plan: &'a FleetPlan, table: VehicleTableWriter, first: u64, fps: f64) -> Self {
         let database = &plan.database;
         let source: &dyn TileSource = database;
         let ground = WorldGround::finest(source, database.world(), plan.exaggeration).bounded(database.ranges());
-        Self { plan, ground, table, first, next: first, records: Vec::new() }
+        Self { plan, ground, table, first, fps, next: first, records: Vec::new() }
     }
 
-    /// The vehicles of a frame, before it is asked for; waits until the frame whose place they take is
-    /// written.
+    /// The vehicles of a frame, before it is asked for; waits until the frame whose place they take
+    /// is written.
     ///
     /// # Errors
     /// The run ended.
     pub fn drive(&mut self, frame: u64, control: &Control) -> Result<(), WaitError> {
-        // Sinks of several threads write frames in any order; half of the table is more than they are apart.
+        // Sinks of several threads write frames in any order; half of the table is more than they
+        // are apart.
         let before = (frame - self.first).saturating_sub(self.table.frames() / 2);
         control.wait_written(before)?;
         self.write(frame);
@@ -54,7 +56,7 @@ impl<'a> Driver<'a> {
     }
 
     fn write(&mut self, frame: u64) {
-        let time_s = self.plan.time(frame);
+        let time_s = self.plan.time(frame, self.fps);
         self.plan.fleet.at(time_s, &self.ground, self.plan.database.world(), &mut self.records);
         self.table.write(TableHead { frame: FrameNumber::new(frame), time_s }, &self.records);
     }

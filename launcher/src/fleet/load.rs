@@ -34,7 +34,6 @@ pub struct FleetPlan {
     pub exaggeration: f64,
     /// Time of frame 0, seconds.
     start: f64,
-    fps: f64,
 }
 
 impl FleetPlan {
@@ -46,7 +45,7 @@ impl FleetPlan {
         args: &VehicleArgs,
         (world, database): (&Path, &DatabaseArgs),
         georeference: &Georeference,
-        [exaggeration, fps]: [f64; 2],
+        exaggeration: f64,
         remarks: &mut Remarks,
     ) -> Result<Option<Self>, Failure> {
         if args.vehicles.is_empty() {
@@ -67,15 +66,15 @@ impl FleetPlan {
         }
         let start = start_of(args.vehicles_start.as_deref(), fleet.start().unwrap_or(0.0))?;
         let database = open_world(world, database)?;
-        let plan = Self { fleet, database, exaggeration, start, fps };
+        let plan = Self { fleet, database, exaggeration, start };
         plan.look_below_ground(remarks);
         Ok(Some(plan))
     }
 
-    /// The vehicles' time of a frame, seconds.
+    /// The vehicles' time of a frame, at `fps` frames a second, seconds.
     #[must_use]
-    pub fn time(&self, frame: u64) -> f64 {
-        self.start + frame as f64 / self.fps
+    pub fn time(&self, frame: u64, fps: f64) -> f64 {
+        self.start + frame as f64 / fps
     }
 
     /// Aircraft that fly through the ground are drawn as they are, which the ground hides.

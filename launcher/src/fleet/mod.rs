@@ -1,5 +1,5 @@
-//! The fleet of a flight: where its vehicles are at the time of each frame. It is a function of the time
-//! alone, so that every run and every piece of a flight shows the same.
+//! The fleet of a flight: where its vehicles are at the time of each frame. It is a function of the
+//! time alone, so that every run and every piece of a flight shows the same.
 //!
 //! * [`load`]: files, checked, with the models that they name.
 //! * [`standing`]: how a vehicle stands on the ground.

@@ -1,8 +1,8 @@
-//! How a vehicle stands on the ground: its up axis is the ground's normal, low-passed over the square
-//! between its wheels.
+//! How a vehicle stands on the ground: its up axis is the ground's normal, low-passed over the
+//! square between its wheels.
 //!
-//! The mean slope over a square is the difference of the mean heights of two opposite edges, divided by
-//! its side: heights along four lines give what normals all over the square would.
+//! The mean slope over a square is the difference of the mean heights of two opposite edges,
+//! divided by its side: heights along four lines give what normals all over the square would.
 
 use crate::ground::WorldGround;
 use glam::{DVec2, DVec3};
@@ -10,8 +10,8 @@ use glam::{DVec2, DVec3};
 /// Heights along an edge.
 const ALONG_EDGE: usize = 9;
 
-/// The direction up of what stands at a place in the CRS and heads `ahead`, on a square of this side,
-/// length 1. Straight up where there is no ground around.
+/// The direction up of what stands at a place in the CRS and heads `ahead`, on a square of this
+/// side, length 1. Straight up where there is no ground around.
 pub(super) fn up(ground: &WorldGround<'_>, at: [f64; 2], ahead: DVec3, side_m: f64) -> DVec3 {
     let along = ahead.truncate().try_normalize().unwrap_or(DVec2::Y);
     let across = along.perp();

@@ -98,17 +98,17 @@ impl Pilot {
         let cockpit = Cockpit { control, ring, first, times, path, failure: Arc::clone(&failure) };
         let (tell, messages) = sync_channel(MOST_MESSAGES);
         let period_nanos = plan.config.realtime.as_ref().map(|_| plan.config.period_nanos());
-        let fleet = plan.fleet.take();
+        let (fleet, fps) = (plan.fleet.take(), plan.config.fps);
         let table = fleet.as_ref().map(|_| VehicleTableWriter::open(&plan.run)).transpose()?;
         let thread = match plan.live.take() {
             Some(live) => in_thread("pilot", move || {
-                let driver = fleet.as_ref().zip(table).map(|(fleet, table)| Driver::new(fleet, table, first));
+                let driver = fleet.as_ref().zip(table).map(|(fleet, table)| Driver::new(fleet, table, first, fps));
                 cockpit.fly_live(live, period_nanos, driver, &tell)
             }),
             None => {
                 let cameras = plan.cameras.clone();
                 in_thread("pilot", move || {
-                    let driver = fleet.as_ref().zip(table).map(|(fleet, table)| Driver::new(fleet, table, first));
+                    let driver = fleet.as_ref().zip(table).map(|(fleet, table)| Driver::new(fleet, table, first, fps));
                     match period_nanos {
                         Some(period_nanos) => {
                             let foretold = cockpit.path.map(|ring| Foretold::new(ring, period_nanos));

@@ -1,4 +1,5 @@
-//! Vehicles of CZML and GeoJSON: where each is over time, and what it looks like (docs/vehicles.md).
+//! Vehicles of CZML and GeoJSON: where each is over time, and what it looks like
+//! (docs/vehicles.md).
 
 use super::crs::Georeference;
 use super::spline::{Spline, slerp};
@@ -55,8 +56,8 @@ pub struct Moment {
     pub t: f64,
     /// In the world's CRS.
     pub position: DVec3,
-    /// The rotation from its axes (ahead, left, up) to east, north and up of the world's grid, if its file
-    /// says it.
+    /// The rotation from its axes (ahead, left, up) to east, north and up of the world's grid, if
+    /// its file says it.
     pub attitude: Option<DQuat>,
 }
 
@@ -132,8 +133,8 @@ impl Way {
         Some(if share > 0.0 { slerp(from, to, share) } else { from })
     }
 
-    /// The direction of the way at a time: where it rests, that in which it came, else in which it will
-    /// go.
+    /// The direction of the way at a time: where it rests, that in which it came, else in which it
+    /// will go.
     fn ahead(&self, t: f64) -> Option<DVec3> {
         let [from, to] = self.span();
         let way = self.position((t + AROUND_S).min(to)) - self.position((t - AROUND_S).max(from));

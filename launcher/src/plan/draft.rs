@@ -124,10 +124,10 @@ impl<'a> Draft<'a> {
     /// # Errors
     /// Bad input: a file or a model that cannot be read.
     pub(super) fn choose_vehicles(&mut self, args: &VehicleArgs) -> Result<(), Failure> {
-        let numbers = [exaggeration(self.args.picture.exaggeration)?, self.fps];
+        let exaggeration = exaggeration(self.args.picture.exaggeration)?;
         let world = (self.args.world.as_path(), &self.args.database);
         let mut remarks = Remarks::default();
-        self.fleet = FleetPlan::load(args, world, &georeference(&self.database), numbers, &mut remarks)?;
+        self.fleet = FleetPlan::load(args, world, &georeference(&self.database), exaggeration, &mut remarks)?;
         self.notes.append(&mut remarks.notes);
         self.warnings.append(&mut remarks.warnings);
         Ok(())

@@ -123,6 +123,7 @@ fn draft(args: &ViewArgs, database: Store, path: Option<PathFrames>) -> Result<D
         )));
     }
     draft.labels = light::labels(&args.labels);
+    draft.choose_vehicles(&args.vehicles)?;
     draft.notes.push(HANDS.to_owned());
     draft.realtime = Some(&REALTIME);
     draft.destination = "the window".into();

@@ -1,5 +1,5 @@
-//! A model in fewer triangles: vertices of one cell of a grid become one. It is looked at from so far
-//! that a cell is a pixel or less.
+//! A model in fewer triangles: vertices of one cell of a grid become one. It is looked at from so
+//! far that a cell is a pixel or less.
 
 use super::{Mesh, Triangle, Vertex};
 use glam::Vec3;
@@ -12,7 +12,8 @@ pub(super) fn clustered(mesh: &Mesh, low: Vec3, side: f32, first_material: u32) 
         let place = (mesh.vertices[vertex as usize].position - low) / side.max(f32::MIN_POSITIVE);
         place.to_array().map(|v| v.floor() as i32)
     };
-    // Numbers of cells by their first vertex: the order of a hash map has no part in what comes out.
+    // Numbers of cells by their first vertex: the order of a hash map has no part in what comes
+    // out.
     let mut numbers: HashMap<[i32; 3], u32> = HashMap::new();
     let mut sums: Vec<(Vec3, f32)> = Vec::new();
     let mut number_of = |vertex: u32| {

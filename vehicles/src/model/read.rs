@@ -65,7 +65,8 @@ fn material_of(material: &gltf::Material<'_>) -> Material {
     Material { rgb: [r, g, b].map(stored), texture, is_double_sided: material.double_sided() }
 }
 
-/// A linear factor as pictures store it (IEC 61966-2-1): textures are multiplied as they are stored.
+/// A linear factor as pictures store it (IEC 61966-2-1): textures are multiplied as they are
+/// stored.
 fn stored(linear: f32) -> f32 {
     let linear = linear.clamp(0.0, 1.0);
     if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }

@@ -4,8 +4,8 @@ use super::*;
 use base64::Engine;
 use std::path::PathBuf;
 
-/// A square of two triangles in glTF's axes, 2 wide along x and 4 long along z; `change` is made to the
-/// document.
+/// A square of two triangles in glTF's axes, 2 wide along x and 4 long along z; `change` is made to
+/// the document.
 fn write(name: &str, change: impl FnOnce(String) -> String) -> PathBuf {
     let floats = [[0.0f32, 0.5, 0.0], [2.0, 0.5, 0.0], [2.0, 0.5, 4.0], [0.0, 0.5, 4.0]];
     let mut bytes: Vec<u8> = floats.iter().flatten().flat_map(|v| v.to_le_bytes()).collect();

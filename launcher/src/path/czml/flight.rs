@@ -202,8 +202,8 @@ pub(super) fn moments(part: &Piece<Place>, orientations: &[Piece<DQuat>]) -> Vec
     kept
 }
 
-/// The rotation from the body's axes to east, north and up at a place, at a moment; and whether it is
-/// that of another moment. There is at least one orientation.
+/// The rotation from the body's axes to east, north and up at a place, at a moment; and whether it
+/// is that of another moment. There is at least one orientation.
 pub(super) fn local_turn(there: Geodetic, t: f64, orientations: &[Piece<DQuat>]) -> (DQuat, bool) {
     let after = orientations.partition_point(|turns| turns.interval[0] <= t);
     let turns = &orientations[after.saturating_sub(1)];

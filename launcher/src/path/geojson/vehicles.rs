@@ -1,4 +1,5 @@
-//! The vehicles of a file: each line with times is one, and so are the points with times of one name.
+//! The vehicles of a file: each line with times is one, and so are the points with times of one
+//! name.
 
 use super::super::crs::Georeference;
 use super::super::recording::{Recorded, Segment, Stamp, Tally, with_times};
