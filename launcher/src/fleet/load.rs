@@ -8,7 +8,7 @@ use crate::ground::WorldGround;
 use crate::path::crs::Georeference;
 use crate::path::times::seconds_from_iso8601;
 use crate::path::vehicles::{self, HeightReference, Vehicle};
-use crate::path::{Ground, Remarks};
+use crate::path::{Ground, PathError, Remarks};
 use crate::world::open_world;
 use anyhow::anyhow;
 use std::collections::HashMap;
@@ -53,7 +53,7 @@ impl FleetPlan {
         }
         let mut loading = Loading::default();
         for file in &args.vehicles {
-            let vehicles = vehicles::load(file, georeference, remarks).map_err(Failure::bad_input)?;
+            let vehicles = vehicles::load(file, georeference, remarks).map_err(unusable)?;
             vehicles.into_iter().try_for_each(|vehicle| loading.add(file, vehicle))?;
         }
         remarks.warnings.extend(georeference.take_doubts());
@@ -103,6 +103,15 @@ impl FleetPlan {
             }
         }
     }
+}
+
+/// A file of vehicles is not a camera path, which the reader's own sentences speak of.
+fn unusable(error: PathError) -> Failure {
+    Failure::bad_input(match error {
+        PathError::Read { path, source } => anyhow!("--vehicles {}: it cannot be read: {source}", path.display()),
+        PathError::NotAFile { path, kind } => anyhow!("--vehicles {}: expected a file, found {kind}", path.display()),
+        other => anyhow!(other),
+    })
 }
 
 /// The time of frame 0, by what was typed.
