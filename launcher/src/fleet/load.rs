@@ -66,6 +66,11 @@ impl FleetPlan {
         }
         let start = start_of(args.vehicles_start.as_deref(), fleet.start().unwrap_or(0.0))?;
         let database = open_world(world, database)?;
+        if database.world().globe().is_some() {
+            return Err(Failure::bad_input(anyhow!(
+                "--vehicles: vehicles are not drawn over a whole body yet: expected a world in a projected CRS"
+            )));
+        }
         let plan = Self { fleet, database, exaggeration, start };
         plan.look_below_ground(remarks);
         Ok(Some(plan))
