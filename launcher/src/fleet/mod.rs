@@ -85,6 +85,10 @@ impl Member {
             HeightReference::OnGround => {
                 let height_m = ground.at(x, y)?.height_m;
                 let up = standing::up(ground, [x, y], ahead, self.length_m);
+                // It heads along its way, up or down with the ground: the part of that across the
+                // ground would turn it to a side on a slope.
+                let along = DVec3::new(ahead.x, ahead.y, 0.0).try_normalize().unwrap_or(DVec3::Y);
+                let ahead = along - DVec3::Z * (up.dot(along) / up.z);
                 Some((DVec3::new(x, y, height_m), turned(ahead, up)))
             }
             HeightReference::AboveGround => {
