@@ -109,14 +109,14 @@ fn a_flight_and_its_pieces_have_the_same_bytes_and_vehicles_move() {
     fly("0..70", "whole/");
     fly("0..70", "again/");
     fly("60..70", "piece/");
-    let bytes = |out: &str, frame: u32| std::fs::read(folder.join(&format!("{out}/frame-{frame:06}.png"))).unwrap();
+    let bytes = |out: &str, frame: u32| std::fs::read(folder.join(format!("{out}/frame-{frame:06}.png"))).unwrap();
     for frame in 0..70 {
         assert_eq!(bytes("whole", frame), bytes("again", frame), "{frame}");
     }
     for frame in 60..70 {
         assert_eq!(bytes("whole", frame), bytes("piece", frame), "{frame}");
     }
-    let picture = |frame: u32| read_png(&folder.join(&format!("whole/frame-{frame:06}.png"))).2;
+    let picture = |frame: u32| read_png(&folder.join(format!("whole/frame-{frame:06}.png"))).2;
     assert!(picture(0) != picture(69), "it drives 5 metres a second");
 }
 
@@ -132,7 +132,7 @@ fn against_the_clock_vehicles_are_drawn_too() {
         let command = command.args(["--mode", "realtime", "--rays", "sweep"]).args(vehicles);
         let finished = command.arg("-o").arg(folder.join(out)).run();
         finished.assert_code(0);
-        read_png(&folder.join(&format!("{out}/frame-000029.png"))).2
+        read_png(&folder.join(format!("{out}/frame-000029.png"))).2
     };
     let with = fly(&["--vehicles", file.to_str().unwrap()], "with/");
     assert!(fly(&[], "without/") != with);
