@@ -97,6 +97,7 @@ fn ground_has_no_gaps_and_is_where_depth_says_from_two_metres_to_three_radii() {
         first.arg("--validation").succeed().assert_no_warning();
         let radius = ellipsoid.semi_minor_m() + lowest_m;
         let row_m = PI / 360.0 * ellipsoid.semi_major_m();
+        let sagitta_m = row_m * row_m / (8.0 * ellipsoid.semi_major_m());
         let focal_px = poses[0].camera(SIZE, VFOV_DEG).focal_px();
         let mut errors = Vec::new();
         for (frame, pose) in poses.iter().enumerate() {
@@ -116,12 +117,11 @@ fn ground_has_no_gaps_and_is_where_depth_says_from_two_metres_to_three_radii() {
                     continue;
                 }
                 let [longitude, latitude, height] = [0, 1, 2].map(|k| places[3 * pixel + k]);
-                // What is far away is drawn from coarser posts: compared by the width of a cell there. Near a
-                // pole, where cells are long and narrow, the far end of a cell under the eye is far away too:
-                // by a few thousandths of its length.
+                // What is far away is drawn from coarser posts: compared by the width of a cell there. And
+                // facets are flat: between posts they lie below ground that follows the body.
                 let distance = depth * ray.length();
                 if distance < 20.0 * (eye.z - height_m(eye.x, eye.y)) {
-                    let cell_m = 4e-3 * row_m + 2f64.sqrt() * FACET_PX / focal_px * distance;
+                    let cell_m = 2.0 * sagitta_m + 2f64.sqrt() * FACET_PX / focal_px * distance;
                     of_frame.push((height - height_m(longitude, latitude)).abs() / cell_m);
                 }
             }

@@ -38,7 +38,7 @@ impl Surface {
     }
 
     /// The nodes of the same level across the west, east, south or north edge of a node, by its place in
-    /// [`SIDES`](crate::surface::SIDES); where a row of nodes has no level as fine, those of the next coarser one.
+    /// [`SIDES`]; where a row of nodes has no level as fine, those of the next coarser one.
     #[must_use]
     pub fn across(&self, node: NodeId, side: usize) -> Across {
         match self {
