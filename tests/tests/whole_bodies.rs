@@ -121,7 +121,7 @@ fn ground_has_no_gaps_and_is_where_depth_says_from_two_metres_to_three_radii() {
                 // facets are flat: between posts they lie below ground that follows the body.
                 let distance = depth * ray.length();
                 if distance < 20.0 * (eye.z - height_m(eye.x, eye.y)) {
-                    let cell_m = 2.0 * sagitta_m + 2f64.sqrt() * FACET_PX / focal_px * distance;
+                    let cell_m = 4.0 * sagitta_m + 2f64.sqrt() * FACET_PX / focal_px * distance;
                     of_frame.push((height - height_m(longitude, latitude)).abs() / cell_m);
                 }
             }
