@@ -290,18 +290,3 @@ fn a_plane_is_still_to_be_had_and_parts_of_bodies_become_one() {
     assert!(part.world().globe().is_none());
     assert!(notes.iter().any(|n| matches!(n, Note::Info(t) if t.contains("a part of its body"))), "{notes:?}");
 }
-
-#[test]
-fn files_of_many_columns_are_read_in_pieces_that_join() {
-    let folder = TestFolder::new();
-    let (columns, rows) = (20_000usize, 18usize);
-    let [dx, dy] = [360.0 / columns as f64, 180.0 / rows as f64];
-    let transform = Some([-180.0, dx, 0.0, 90.0, 0.0, -dy]);
-    let file = Tiff { transform, crs: Some(MOON), ..Tiff::utm([columns, rows], rough) };
-    let file = file.write(&folder.path("wide.tif"));
-    let (database, _) = run(&job(&[file], &[], folder.path("w.tv"))).unwrap();
-    let finest = finest(&database);
-    for (column, row) in (0..columns).flat_map(|column| (1..=rows).map(move |row| (column, row))) {
-        assert_eq!(finest[&[column as u64, row as u64]], rough(column, rows - row), "at {column}, {row}");
-    }
-}
