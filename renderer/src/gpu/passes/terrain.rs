@@ -235,14 +235,21 @@ impl TerrainPass {
         let buffers = [Some(elevations), Some(&slot.tiles), slot.terms.as_ref()].map(|buffer| {
             buffer.map(|buffer| [vk::DescriptorBufferInfo::default().buffer(buffer.raw()).range(vk::WHOLE_SIZE)])
         });
-        let writes = (0u32..).zip(&buffers).filter_map(|(binding, buffer)| {
-            let write = vk::WriteDescriptorSet::default().dst_set(slot.set).dst_binding(binding);
-            Some(write.descriptor_type(vk::DescriptorType::STORAGE_BUFFER).buffer_info(buffer.as_ref()?))
-        });
-        let writes: Vec<_> = writes.collect();
+        // A frame allocates nothing.
+        let mut writes = [vk::WriteDescriptorSet::default(); 3];
+        let mut count = 0;
+        for ((binding, buffer), write) in (0u32..).zip(&buffers).zip(&mut writes) {
+            let Some(buffer) = buffer else { break };
+            *write = vk::WriteDescriptorSet::default()
+                .dst_set(slot.set)
+                .dst_binding(binding)
+                .descriptor_type(vk::DescriptorType::STORAGE_BUFFER)
+                .buffer_info(buffer);
+            count += 1;
+        }
         // SAFETY: buffers and set are alive, and the set is in no pending submit: `recording` is of
         // its slot.
-        unsafe { device.raw().update_descriptor_sets(&writes, &[]) };
+        unsafe { device.raw().update_descriptor_sets(&writes[..count], &[]) };
         Ok(())
     }
 
