@@ -102,7 +102,7 @@ impl GroundTiles<'_> {
     ) -> Result<Descent<T>, NoGround> {
         let mut descent = Descent { first: None, is_finest: true };
         let (mut steps, mut tiles) = (BinaryHeap::new(), Vec::new());
-        self.push_node(self.world.root(), way, &mut steps);
+        self.world.roots().for_each(|root| self.push_node(root, way, &mut steps));
         while let Some(Step { share, part }) = steps.pop() {
             if descent.first.as_ref().is_some_and(|(first, _)| share >= *first) {
                 break;
@@ -141,6 +141,7 @@ impl GroundTiles<'_> {
     /// Whether nothing finer exists below a node.
     fn is_leaf(&self, node: NodeId) -> bool {
         node.q() <= self.world.finest_elevation_level()
+            || self.world.surface().children(node).iter().next().is_none()
             || self.ranges.is_some_and(|ranges| !ranges.has_children(Layer::Elevation, node))
     }
 

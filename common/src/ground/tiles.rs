@@ -115,7 +115,7 @@ impl<'a> GroundTiles<'a> {
         let mut is_finest = true;
         // A tile that cannot be read is drawn from its parent, so the ground is its parent's too.
         for q in node.q()..self.world.levels() {
-            let at = node.ancestor(q);
+            let at = self.world.surface().ancestor(node, q);
             if self.ranges.is_some_and(|ranges| !ranges.has_tile(Layer::Elevation, at)) {
                 continue;
             }

@@ -19,13 +19,14 @@
 //! | places in the database's CRS | [`CrsFrame`] |
 //! | the height between the posts of a tile | [`facet`], [`tile`] |
 //!
-//! [`Surface`] is a plane: metres east and north of the world's origin, and height up. Positions on an
-//! ellipsoid are not sums, so callers keep the terms separate: **a vertex is made of its column, its
+//! [`Surface`] is a plane, metres east and north of the world's origin, and height up; or a body,
+//! longitude and latitude in degrees, and height above its ellipsoid. It has the answers of either,
+//! under the same names. Positions on an ellipsoid are not sums, so callers keep the terms separate: **a vertex is made of its column, its
 //! row and its height**, each looked up or interpolated on its own. Everything is inlined and
 //! statically typed: the abstraction costs nothing.
 //!
 //! [`globe`] has the ellipsoid's side of it: lattice and nodes around a body, positions, vertices
-//! relative to an eye, what a node may fill. No world is a body yet.
+//! relative to an eye, what a node may fill.
 //!
 //! Invariant: a vertex's position depends only on its canonical lattice point, its height and the
 //! eye, so that edges that two leaves share are equal to the bit.
